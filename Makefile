@@ -1,0 +1,64 @@
+# Needs Python 3.11 and make, nothing else: every target makes .venv from the lock file first.
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+# make train STEPS=20000 RUN=first ACTORS=2 ARGS="--set seed=7"
+CONFIG ?= configs/lndrl.yaml
+RUN ?= first
+STEPS ?=
+ACTORS ?=
+ARGS ?=
+# Processes that share the tests; PYTEST goes to pytest, e.g. PYTEST="-k amcl".
+WORKERS ?= 2
+PYTEST ?=
+
+.PHONY: help install train test check format clean lock
+
+help:
+	@echo "make install   .venv with the exact versions of requirements.lock"
+	@echo "make train     train; STEPS=20000 RUN=first ACTORS=2; a run that exists is continued"
+	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
+	@echo "make check     format, lint, types, tests: what every change must pass"
+	@echo "make format    format the code"
+	@echo "make clean     remove caches and builds, keep .venv and runs"
+	@echo "make lock      rewrite requirements.lock from what pyproject.toml allows today"
+
+install: $(STAMP)
+
+$(STAMP): requirements.lock pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing; install Python 3.11 or say make PYTHON=..." >&2; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+train: install
+	$(BIN)/lndrl train $(CONFIG) --run $(RUN) $(if $(STEPS),--steps $(STEPS)) \
+		$(if $(ACTORS),--actors $(ACTORS)) $(if $(wildcard runs/$(RUN)),--resume) $(ARGS)
+
+test: install
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST)
+
+check: install
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(MAKE) --no-print-directory test
+
+format: install
+	$(BIN)/ruff check --fix-only --quiet .
+	$(BIN)/ruff format .
+
+clean:
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -exec rm -rf {} +
+	rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+
+# Local version tags and packages of one accelerator stay out: the lock serves every machine.
+lock: install
+	$(BIN)/python -m pip install --quiet --upgrade --upgrade-strategy eager --editable ".[dev]"
+	{ sed -n '/^#/p' requirements.lock; $(BIN)/python -m pip freeze --exclude-editable \
+		| sed 's/+[a-z0-9.]*$$//' | grep -v -i -E '^(nvidia-|cuda-|triton|pip==)'; } > requirements.lock.new
+	mv requirements.lock.new requirements.lock

@@ -1,0 +1,278 @@
+"""One simulator actor: joins a learner, collects chunks, uploads them, keeps its weights fresh.
+
+The same object runs in a process of its own (``run``) and in the learner's thread over the
+in-memory transport (``ready`` and ``run_chunk``, which never wait for the learner).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from time import perf_counter
+
+from actors.rollout import Chunk, Rollout
+from lndrl.config import RunConfig, parse_config
+from lndrl.transport import (
+    NO_WEIGHTS,
+    ActorEndpoint,
+    ChunkHeader,
+    Hello,
+    LearnerUnreachableError,
+    WeightsGoneError,
+    Welcome,
+)
+from lndrl.version import VERSION
+
+HELLO_TIMEOUT = 10.0
+PATIENT_TIMEOUT = 1.0  # s per attempt, between which a stop is noticed
+FETCH_TIMEOUT = 10.0
+WEIGHTS_WAIT = 0.2  # s of one wait, between which a stop is noticed
+WINDOW_WAIT = 0.02
+
+EPISODE_OFFSETS = 1 << 31
+"""Hashed first episodes stay below this, so that counting on from them stays in 32 bits."""
+
+
+class Actor:
+    """Collects chunks for the learner behind ``endpoint``.
+
+    ``actor_id`` names the place of this actor across restarts, ``incarnation`` this life of it;
+    by default both are made up. A repeatable run passes both. ``worlds`` overrides
+    ``config.actor.worlds``. ``patient`` waits for a learner that does not answer instead of
+    failing. ``on_event(event, text)`` hears of joined, refused, stale and the like.
+    """
+
+    def __init__(
+        self,
+        endpoint: ActorEndpoint,
+        *,
+        actor_id: str = "",
+        incarnation: str = "",
+        worlds: int | None = None,
+        device: str = "cpu",
+        patient: bool = False,
+        on_event: Callable[[str, str], None] = lambda event, text: None,
+    ) -> None:
+        self.endpoint = endpoint
+        self.actor_id = actor_id or f"actor-{secrets.token_hex(4)}"
+        self.incarnation = incarnation or secrets.token_hex(8)
+        self.rollout: Rollout | None = None
+        self.chunks = 0  # collected in this incarnation
+        self._worlds, self._device = worlds, device
+        self._patient = patient
+        self._on_event = on_event
+        self._welcome: Welcome | None = None
+        self._first_number = 0  # action noise of chunk c is number first + c
+        self._base_version = 0  # lock-step: weights version that chunk round 0 acts on
+        self._round = 0  # lock-step: chunks that the learner has taken on since the base
+        self._weights_from = ""  # incarnation of the learner that gave the held weights
+        self._seconds = {"upload": 0.0, "fetch": 0.0, "wait": 0.0}
+
+    @property
+    def done(self) -> bool:
+        """True once the learner has said that training has finished."""
+        return self.endpoint.done()
+
+    @property
+    def config(self) -> RunConfig:
+        """The run's configuration, as the learner gave it; needs a welcome."""
+        assert self.rollout is not None
+        return self.rollout.config
+
+    def run(self, stop: threading.Event) -> None:
+        """Join and collect until the learner is done or ``stop`` is set.
+
+        Raises UserError when the learner cannot be reached (unless patient), refuses this
+        actor, or hands out what this program cannot use.
+        """
+        while not (stop.is_set() or self.done):
+            if not self.run_chunk(stop.is_set):
+                self._wait(stop)
+
+    def ready(self) -> bool:
+        """True when ``run_chunk`` can do its work now, without waiting for the learner."""
+        if self.done:
+            return False
+        if self.rollout is None or self.endpoint.needs_hello():
+            return True
+        version, _ = self.endpoint.newest()
+        enough = version != NO_WEIGHTS and version >= self._required_version()
+        return enough and self._window_open()
+
+    def run_chunk(self, stopped: Callable[[], bool] = bool) -> bool:
+        """Collect and upload one chunk; False when not ``ready``, done or ``stopped()``.
+
+        Never waits for the learner's progress. Says hello first where that is due.
+        """
+        if self.rollout is None or self.endpoint.needs_hello():
+            self.join(stopped)
+        self._take_acks()
+        if self.rollout is None or not self.ready() or not self._take_weights(self.rollout):
+            return False
+        chunk = self.rollout.collect(self._first_number + self.chunks, stopped)
+        if chunk is None:
+            return False
+        self._upload(self.rollout, chunk)
+        self._take_acks()
+        return True
+
+    def join(self, stopped: Callable[[], bool] = bool) -> None:
+        """Say hello and make ready for the run that the learner describes.
+
+        Worlds that fit the learner's configuration go on where they are. Raises UserError.
+        """
+        rejoin = self._welcome is not None
+        self._take_acks()
+        kept = self.endpoint.pending()  # the hello itself may already settle them
+        welcome = self._hello(stopped)
+        if welcome is None:
+            return
+        config = parse_config(welcome.config, "configuration from the learner")
+        lockstep = config.learner.mode == "lockstep"
+        self._welcome = welcome
+        self._rebase(welcome.weights_version, kept)
+        rollout = self.rollout
+        if (
+            rollout is None
+            or rollout.config != config
+            or rollout.actor_index != welcome.actor_index
+        ):
+            # Never play an episode twice: an actor that replaces another one, or meets a resumed
+            # run, starts beyond what can have been played. In lock-step that must repeat.
+            offset = self._base_version if lockstep else _hash(self.incarnation)
+            self._first_number = offset
+            first_episode = offset * config.actor.horizon if lockstep else offset
+            index = welcome.actor_index
+            rollout = Rollout(config, index, self._worlds, first_episode, self._device)
+            self.rollout, self._weights_from = rollout, ""
+        self._on_event(
+            "joined again" if rejoin else "joined",
+            f"run {welcome.run_id}, {rollout.worlds} worlds, "
+            f"weights version {welcome.weights_version}",
+        )
+
+    def _hello(self, stopped: Callable[[], bool]) -> Welcome | None:
+        """The learner's welcome; None when ``stopped()`` before a learner answered."""
+        hello = Hello(
+            actor_id=self.actor_id,
+            incarnation=self.incarnation,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            # Before the first welcome the number may be known to the learner alone.
+            worlds=self.rollout.worlds if self.rollout else self._worlds or 1,
+            program_version=VERSION,
+        )
+        # A learner that was there once comes back: it is waited for.
+        patient = self._patient or self._welcome is not None
+        while not stopped():
+            try:
+                return self.endpoint.hello(hello, PATIENT_TIMEOUT if patient else HELLO_TIMEOUT)
+            except LearnerUnreachableError:
+                if not patient:
+                    raise
+        return None
+
+    def _rebase(self, version: int, kept: int) -> None:
+        """Lock-step: count chunks anew from weights ``version``.
+
+        Of ``kept`` chunks that are still to be settled one will be the learner's first.
+        """
+        self._base_version = max(version, 0)
+        self._round = min(kept, 1)
+
+    def _required_version(self) -> int:
+        """Lowest weights version that the next chunk may act on; in lock-step the only one.
+
+        Lock-step acts one update behind: chunk n on version n - 1, so that the learner can
+        learn from chunk n - 1 meanwhile.
+        """
+        if self.config.learner.mode == "async":
+            return 0
+        return max(self._base_version, self._base_version + self._round - 1)
+
+    def _take_weights(self, rollout: Rollout) -> bool:
+        """Fetch the weights that the next chunk must act on, where they are not held already.
+
+        False: not to be had now. Async actors go on with the weights they hold when the newest
+        cannot be had in time.
+        """
+        newest, learner = self.endpoint.newest()
+        lockstep = rollout.config.learner.mode == "lockstep"
+        wanted = self._required_version() if lockstep else newest
+        if rollout.version == wanted and self._weights_from == learner:
+            return True
+        begun = perf_counter()
+        try:
+            version, blob = self.endpoint.fetch(wanted if lockstep else None, FETCH_TIMEOUT)
+        except WeightsGoneError:
+            # The learner went on without this actor: join in again from where it is.
+            self._rebase(newest, self.endpoint.pending())
+            return False
+        except TimeoutError:
+            return not lockstep and self._weights_from == learner
+        finally:
+            self._seconds["fetch"] += perf_counter() - begun
+        rollout.load(version, blob)
+        self._weights_from = learner
+        return True
+
+    def _window_open(self) -> bool:
+        """Whether an upload would not block. Collecting later then means fresher weights."""
+        window = self.config.transport.upload_window
+        if self.endpoint.pending() < window:
+            return True
+        self.endpoint.flush(0.0)  # in one thread, this is what sends a paused chunk again
+        return self.endpoint.pending() < window
+
+    def _wait(self, stop: threading.Event) -> None:
+        """A moment, for the upload window or for weights; told as upload or wait."""
+        begun = perf_counter()
+        newest, _ = self.endpoint.newest()
+        if self.ready():
+            return
+        if self.rollout is not None and not self._window_open():
+            stop.wait(WINDOW_WAIT)
+            self._seconds["upload"] += perf_counter() - begun
+        else:
+            self.endpoint.wait_newer(newest, WEIGHTS_WAIT)
+            self._seconds["wait"] += perf_counter() - begun
+
+    def _upload(self, rollout: Rollout, chunk: Chunk) -> None:
+        assert self._welcome is not None
+        self.chunks += 1
+        self._round += 1
+        header = ChunkHeader(
+            run_id=self._welcome.run_id,
+            actor_id=self.actor_id,
+            incarnation=self.incarnation,
+            sequence=self.chunks,
+            steps=rollout.steps,
+            worlds=rollout.worlds,
+            episodes=[episode.to_dict() for episode in chunk.episodes],
+            timing={**chunk.seconds, **self._seconds},
+            host=socket.gethostname(),
+            pid=os.getpid(),
+        )
+        self._seconds = dict.fromkeys(self._seconds, 0.0)
+        begun = perf_counter()
+        self.endpoint.upload(header, chunk.trajectory.to_arrays())
+        # Known only now, so it is told with the next chunk.
+        self._seconds["upload"] += perf_counter() - begun
+
+    def _take_acks(self) -> None:
+        """Learn what became of the uploads; weights that an ack tells of are fetched next."""
+        for ack in self.endpoint.acks():
+            if ack.status in ("stale", "refused"):
+                # The learner still waits for a chunk of this round.
+                self._round = max(0, self._round - 1)
+                self._on_event(ack.status, ack.reason)
+
+
+def _hash(text: str) -> int:
+    """A number that differs for different texts, the same on every machine."""
+    digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") % EPISODE_OFFSETS

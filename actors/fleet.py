@@ -1,0 +1,223 @@
+"""A local fleet: N actor processes that are restarted when they die.
+
+    fleet = Fleet("tcp/127.0.0.1:7447", count=2)
+    fleet.start()
+    while fleet.poll() is None: ...
+    fleet.stop()
+
+Workers are spawned, never forked: neither zenoh's runtime nor torch survives a fork.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import multiprocessing
+import os
+import re
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+
+from actors import worker
+from actors.worker import STOP_SIGNALS, WorkerOptions
+
+BACKOFF_FIRST, BACKOFF_MOST = 0.5, 8.0
+HEALTHY_AFTER = 60.0
+"""Seconds of life after which a worker's earlier deaths no longer lengthen its backoff."""
+
+STOP_WITHIN = worker.LEAVE_WITHIN + 1.0
+POLL_INTERVAL = 0.2
+LOGGER = logging.getLogger("lndrl.actors")
+
+
+@dataclass
+class _Slot:
+    """One place in the fleet: its process, if any, and what became of the ones before."""
+
+    index: int
+    actor_id: str
+    process: SpawnProcess | None = None
+    channel: Connection | None = None
+    started: float = 0.0
+    failures: int = 0
+    restart_at: float = 0.0
+    done: bool = False
+
+
+class Fleet:
+    """N supervised actor processes against the learner at ``endpoint``.
+
+    ``worlds`` None leaves the number of worlds per process to the learner's configuration.
+    ``log`` gets one line per event. Nothing here blocks except ``stop`` (at most 3 s).
+    ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        count: int,
+        worlds: int | None = None,
+        device: str = "cpu",
+        log: Callable[[str], None] = LOGGER.info,
+    ) -> None:
+        if count < 1:
+            raise ValueError(f"a fleet needs at least 1 actor, not {count}")
+        name = f"{re.sub(r'[^A-Za-z0-9.-]', '-', socket.gethostname())}-{os.getpid()}"
+        self.restarts = 0
+        self.error = ""
+        self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
+        self._slots = [_Slot(i, f"{name}-{i:03d}") for i in range(count)]
+        self._joined = False  # has any worker ever been welcomed
+
+    def start(self) -> None:
+        """Spawn all workers."""
+        for slot in self._slots:
+            self._spawn(slot)
+
+    def pids(self) -> list[int]:
+        """Process ids of the workers that live now, in the order of their index."""
+        processes = [slot.process for slot in self._slots]
+        return [p.pid for p in processes if p is not None and p.pid is not None and p.is_alive()]
+
+    def poll(self) -> int | None:
+        """Look after the workers; None while the fleet goes on, else its exit code.
+
+        0: every worker reports that the run is done. 2: a worker met an error that the user can
+        mend, see ``error``; the other workers still run until ``stop``.
+        """
+        for slot in self._slots:
+            self._hear(slot)
+            if not slot.done and slot.process is not None and not slot.process.is_alive():
+                self._hear(slot)  # its last words may have come in between
+                self._bury(slot)
+            if self.error:
+                return 2
+            if not slot.done and slot.process is None and time.monotonic() >= slot.restart_at:
+                self.restarts += 1
+                self._spawn(slot)
+        return 0 if all(slot.done for slot in self._slots) else None
+
+    def stop(self) -> None:
+        """End every worker: SIGTERM, and SIGKILL for what is left after a short grace."""
+        running = [slot.process for slot in self._slots if slot.process is not None]
+        for process in running:
+            process.terminate()
+        deadline = time.monotonic() + STOP_WITHIN
+        for process in running:
+            process.join(max(0.0, deadline - time.monotonic()))
+            if process.is_alive():
+                process.kill()
+                process.join()
+        for slot in self._slots:
+            self._release(slot)
+
+    def _spawn(self, slot: _Slot) -> None:
+        context = multiprocessing.get_context("spawn")
+        options = WorkerOptions(
+            endpoint=self._endpoint,
+            actor_id=slot.actor_id,
+            worlds=self._worlds,
+            device=self._device,
+            patient=self._joined,
+            parent=os.getpid(),
+        )
+        slot.channel, theirs = context.Pipe(duplex=False)
+        slot.process = context.Process(
+            target=worker.main, args=(options, theirs), name=slot.actor_id, daemon=True
+        )
+        with _signals_blocked():
+            slot.process.start()
+        theirs.close()  # ours is then the only copy, and reading ends when the worker does
+        slot.started = time.monotonic()
+
+    def _hear(self, slot: _Slot) -> None:
+        """Take in what a worker has reported."""
+        channel = slot.channel
+        with suppress(EOFError, OSError):
+            while channel is not None and channel.poll():
+                event, text = json.loads(channel.recv_bytes())
+                if event == "error":
+                    self.error = self.error or text
+                    continue
+                self._joined |= event == "joined"
+                slot.done |= event == "done"
+                self._log(f"actor {slot.index} {event}" + (f": {text}" if text else ""))
+
+    def _bury(self, slot: _Slot) -> None:
+        """A worker ended without the run being done: plan its replacement."""
+        assert slot.process is not None
+        code = slot.process.exitcode
+        lived = time.monotonic() - slot.started
+        slot.failures = 1 if lived > HEALTHY_AFTER else slot.failures + 1
+        wait = min(BACKOFF_MOST, BACKOFF_FIRST * 2 ** (slot.failures - 1))
+        slot.restart_at = time.monotonic() + wait
+        self._release(slot)
+        if not self.error:
+            self._log(f"actor {slot.index} {_cause(code)}; another starts in {wait:g} s")
+
+    def _release(self, slot: _Slot) -> None:
+        if slot.process is not None:
+            slot.process.join()
+            slot.process.close()
+        if slot.channel is not None:
+            slot.channel.close()
+        slot.process = slot.channel = None
+
+
+def run_fleet(endpoint: str, count: int, worlds: int | None = None, device: str = "cpu") -> int:
+    """Run N actors in the foreground until the run is done, Ctrl-C or SIGTERM.
+
+    Returns the exit code: 0 done or asked to stop, 2 an error that the user can mend, whose
+    sentence is printed once. No process is left behind. Call from the main thread.
+    """
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in STOP_SIGNALS}
+    fleet = Fleet(endpoint, count, worlds, device, log=_print)
+    code: int | None = None
+    try:
+        fleet.start()
+        while code is None and not stop.is_set():
+            code = fleet.poll()
+            stop.wait(POLL_INTERVAL)
+    finally:
+        fleet.stop()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if fleet.error:
+        print(fleet.error, file=sys.stderr, flush=True)
+    elif code is None:
+        _print(f"stopped {count} actors")
+    return code or 0
+
+
+def _print(line: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {line}", file=sys.stderr, flush=True)
+
+
+def _cause(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
+
+
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Let a spawned child inherit a mask under which stop signals wait until it is ready.
+
+    A signal during the child's imports would otherwise end it with a traceback.
+    """
+    resource_tracker.ensure_running()  # it unblocks these signals itself when it has to start
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

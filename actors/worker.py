@@ -1,0 +1,132 @@
+"""Entry of one actor process; spawned by ``actors.fleet``.
+
+Only the standard library is imported at the top: thread limits must stand in the environment
+before NumPy, numba or torch are loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+LEAVE_WITHIN = 1.5
+"""Seconds between a request to stop and a hard exit; only an unfinished chunk is lost."""
+
+PARENT_POLL = 0.5
+STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+)
+
+
+@dataclass(frozen=True)
+class WorkerOptions:
+    """What a worker process is told: plain values that survive a spawn.
+
+    ``worlds`` None leaves the number to the learner's configuration. ``patient`` makes an
+    unreachable learner something to wait for rather than an error. ``parent`` is the process
+    without which the worker ends.
+    """
+
+    endpoint: str
+    actor_id: str
+    worlds: int | None
+    device: str
+    patient: bool
+    parent: int
+
+
+class Report:
+    """Sends what happened to the fleet as JSON, one message per event."""
+
+    def __init__(self, channel: Connection) -> None:
+        self._channel = channel
+
+    def __call__(self, event: str, text: str = "") -> None:
+        """Send; a fleet that is gone is not an error, the parent watch ends this process."""
+        try:
+            self._channel.send_bytes(json.dumps([event, text]).encode())
+        except OSError:
+            return
+
+
+def main(options: WorkerOptions, channel: Connection) -> None:
+    """Run one actor until the learner is done or a signal asks to stop; ends the process.
+
+    Exit codes: 0 done or asked to stop, 2 an error that the user can mend (sentence sent to the
+    fleet), 1 anything else (traceback on standard error).
+    """
+    for name in THREAD_VARIABLES:
+        os.environ[name] = "1"
+    stop = threading.Event()
+    for number in STOP_SIGNALS:
+        signal.signal(number, lambda *_: stop.set())
+    # The fleet spawns with these blocked, so that none arrives before there is a handler.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)
+    threading.Thread(target=_leave_in_time, args=(stop, options.parent), daemon=True).start()
+    try:
+        code = _run(options, stop, Report(channel))
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Everything is closed. Taking the interpreter apart beside zenoh's and torch's threads can
+    # take seconds, and the daemon thread that bounds them no longer runs by then.
+    os._exit(code)
+
+
+def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
+    """Open the transport inside this process, run the actor, close; returns the exit code."""
+    from lndrl.errors import UserError
+
+    try:
+        from actors.actor import Actor
+        from lndrl.transport import open_actor
+
+        endpoint = open_actor(options.endpoint)
+        try:
+            actor = Actor(
+                endpoint,
+                actor_id=options.actor_id,
+                worlds=options.worlds,
+                device=options.device,
+                patient=options.patient,
+                on_event=report,
+            )
+            actor.run(stop)
+            if actor.done:
+                report("done")
+        except UserError as error:
+            # Reported before closing, which may take longer than LEAVE_WITHIN.
+            if not stop.is_set():
+                report("error", str(error))
+                return 2
+        finally:
+            stop.set()
+            endpoint.close()
+    except UserError as error:
+        report("error", str(error))
+        return 2
+    return 0
+
+
+def _leave_in_time(stop: threading.Event, parent: int) -> None:
+    """Daemon thread: stop when the parent is gone, and never linger after a stop."""
+    while not stop.wait(PARENT_POLL):
+        if os.getppid() != parent:
+            stop.set()
+    time.sleep(LEAVE_WITHIN)
+    # Still here: inside a long compilation or a blocked upload. Nothing is left to save.
+    os._exit(0)

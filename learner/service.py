@@ -1,0 +1,60 @@
+"""The learner as a service: endpoint, learner and status put together."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event
+
+from learner.learner import Learner
+from learner.record import RunSummary
+from learner.status import StatusThread
+from lndrl.config import RunConfig
+from lndrl.transport import open_learner
+
+_GOODBYE = 5.0  # s for actors to hear that the run is done
+
+
+def run_learner(
+    config: RunConfig,
+    path: Path,
+    resume: bool,
+    endpoint: str | None = None,
+    stop: Event | None = None,
+    checkpoint: str | None = None,
+    quiet: bool = False,
+    on_ready: Callable[[Learner], None] = lambda learner: None,
+) -> RunSummary:
+    """Serve one training run until it is finished or ``stop`` is set; returns its summary.
+
+    ``on_ready`` is called once actors can connect.
+    The port is taken before the folder is made, so a busy port leaves nothing behind. Raises
+    UserError for whatever the user can mend.
+    """
+    stop = stop or Event()
+    if endpoint is not None:
+        transport = config.transport.model_copy(update={"endpoint": endpoint})
+        config = config.model_copy(update={"transport": transport})
+    door = open_learner(config.transport)
+    try:
+        learner = Learner(config, path, door, resume, checkpoint, quiet)
+        learner.events.add("listen", config.transport.endpoint)
+        status = StatusThread(learner)
+        status.start()
+        on_ready(learner)
+        try:
+            learner.run(stop)
+        finally:
+            status.stop()
+            learner.close()
+        _wait_for_goodbyes(learner)
+        return learner.summary()
+    finally:
+        door.close()
+
+
+def _wait_for_goodbyes(learner: Learner) -> None:
+    deadline = time.monotonic() + (_GOODBYE if learner.finished else 0.0)
+    while time.monotonic() < deadline and learner.roster.counts()[0]:
+        time.sleep(0.1)

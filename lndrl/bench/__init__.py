@@ -1,0 +1,1 @@
+"""Benchmarks of the parts; ``lndrl.bench.report`` knows them by name."""

@@ -1,0 +1,55 @@
+"""``lndrl bench learner``: forward and backward of both networks on real observations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from learner.batch import Batch
+from learner.memory import keep_freed_memory
+from learner.update import PPO
+from lndrl.bench.report import median_seconds
+from lndrl.bench.scene import hybrid_config, observations
+from lndrl.navigation import Observation
+
+_SAMPLES = 1024
+
+
+def measure(seconds: float) -> dict[str, Any]:
+    """``samples_per_second``: one sample is one forward and backward pass of both nets.
+
+    The gradient steps (clipping, Adam) are included, as in training, with the minibatches of
+    ``configs/lndrl.yaml`` and all cores. ``people_in_view`` is the mean that the figure
+    depends on.
+    """
+    keep_freed_memory()
+    config = hybrid_config()
+    config = config.model_copy(update={"ppo": config.ppo.model_copy(update={"epochs": 1})})
+    ppo = PPO(config)
+    batch = _batch(observations(config, _SAMPLES, 1)[0])
+    generator = np.random.default_rng(0)
+    advantage, target = generator.normal(size=(2, _SAMPLES)).astype(np.float32)
+    try:
+        once = median_seconds(
+            lambda: ppo.train(batch, batch.log_prob, advantage, target), seconds
+        )
+    finally:
+        ppo.close()
+    return {
+        "samples_per_second": _SAMPLES / once,
+        "people_in_view": float(batch.observation.pedestrian_count.mean()),
+        "minibatch_size": config.ppo.minibatch_size,
+    }
+
+
+def _batch(observation: Observation) -> Batch:
+    count = len(observation)
+    return Batch(
+        trajectories=(),
+        observation=observation,
+        final_observation=observation.take(slice(0, 0)),
+        action=np.random.default_rng(1).integers(0, 28, count),
+        log_prob=np.full(count, -np.log(28.0), np.float32),
+        version=np.zeros(count, np.int64),
+    )

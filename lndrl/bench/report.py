@@ -1,0 +1,125 @@
+"""Benchmarks by name, how one is timed, and the machine it ran on."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import statistics
+import sys
+from collections.abc import Callable, Mapping
+from importlib import metadata
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from rich.table import Table
+
+from lndrl.errors import UserError
+
+BENCHMARKS = {
+    "world": "control steps of the hybrid scenario on one core, AMCL included, no policy",
+    "amcl": "AMCL updates with fixed particle counts",
+    "policy": "policy inference on real observations, one core",
+    "learner": "forward and backward of both nets",
+    "transport": "acknowledged uploads over zenoh, actor in another process",
+    "train": "whole training, learner and actors",
+}
+"""Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""
+
+REPETITIONS = 5
+_PACKAGES = {
+    "numpy": "numpy",
+    "numba": "numba",
+    "torch": "torch",
+    "pymunk": "pymunk",
+    "zenoh": "eclipse-zenoh",
+}
+
+
+def measure(name: str, seconds: float) -> dict[str, Any]:
+    """Run one benchmark for about ``seconds`` of timed work and return its figures.
+
+    Raises UserError for an unknown name.
+    """
+    if name not in BENCHMARKS:
+        raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all")
+    figures: dict[str, Any] = importlib.import_module(f"lndrl.bench.{name}").measure(seconds)
+    return figures
+
+
+def median_seconds(
+    call: Callable[[], Any], seconds: float, repetitions: int = REPETITIONS
+) -> float:
+    """Median over ``repetitions`` of the seconds that one ``call`` takes.
+
+    One call warms up (compilation, caches), a second one says how many calls fit into
+    ``seconds / repetitions``; every repetition then times as many in a row, at least one.
+    """
+    call()
+    started = perf_counter()
+    call()
+    once = max(perf_counter() - started, 1e-9)
+    calls = max(1, int(seconds / repetitions / once))
+    times = []
+    for _ in range(repetitions):
+        started = perf_counter()
+        for _ in range(calls):
+            call()
+        times.append((perf_counter() - started) / calls)
+    return statistics.median(times)
+
+
+def machine() -> dict[str, Any]:
+    """What the figures depend on: CPU, usable cores, versions of what does the work."""
+    versions = {"python": platform.python_version()}
+    for module, package in _PACKAGES.items():
+        # Only what a benchmark imported worked for it.
+        if module in sys.modules:
+            versions[module] = metadata.version(package)
+    return {
+        "cpu": _cpu_model(),
+        "cores": len(os.sched_getaffinity(0)),
+        "system": f"{platform.system()} {platform.release()}",
+        "load": round(os.getloadavg()[0], 2),
+        "versions": versions,
+    }
+
+
+def machine_line(facts: Mapping[str, Any]) -> str:
+    """``machine()`` in one line."""
+    versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
+    return f"{facts['cpu']}, {facts['cores']} cores, load {facts['load']}; {versions}"
+
+
+def figures_table(name: str, figures: Mapping[str, Any]) -> Table:
+    """Figures as rows ``key  value``; nested keys are joined by a space."""
+    table = Table(title=f"{name}: {BENCHMARKS[name]}", title_justify="left")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    for key, value in _flatten(figures):
+        table.add_row(key, _text(value))
+    return table
+
+
+def _flatten(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = []
+    for key, value in figures.items():
+        label = f"{prefix} {key}".strip()
+        rows += _flatten(value, label) if isinstance(value, Mapping) else [(label, value)]
+    return rows
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+
+
+def _cpu_model() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,42 @@
+"""``lndrl bench``: how fast the parts are on this machine."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from lndrl.errors import UserError
+
+
+def bench(
+    name: Annotated[
+        str, typer.Argument(help="world, amcl, policy, learner, transport, train, or all")
+    ],
+    json_output: Annotated[
+        bool, typer.Option("--json", help="print figures as JSON instead of tables")
+    ] = False,
+    seconds: Annotated[
+        float, typer.Option(help="timed seconds per figure; more is steadier")
+    ] = 5.0,
+) -> None:
+    """Measure world, amcl, policy, learner, transport or train on this machine."""
+    import json
+
+    from lndrl.bench import report
+    from lndrl.cli.tables import print_tables
+
+    if not seconds > 0:
+        raise UserError(f"--seconds {seconds:g}: must be above 0")
+    names = list(report.BENCHMARKS) if name == "all" else [name]
+    figures = {}
+    for each in names:
+        figures[each] = report.measure(each, seconds)
+        if not json_output:
+            print_tables(report.figures_table(each, figures[each]))
+    facts = report.machine()
+    if not json_output:
+        typer.echo(report.machine_line(facts))
+        return
+    content = figures if name == "all" else figures[name]
+    typer.echo(json.dumps({**content, "machine": facts}, indent=2))

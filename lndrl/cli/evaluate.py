@@ -1,0 +1,103 @@
+"""``lndrl evaluate``: the paper's nine metrics of a policy or a floor."""
+
+from __future__ import annotations
+
+import json as json_format
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.evaluation import EvaluationResult
+    from lndrl.navigation import EpisodeRecord
+
+Localization = Literal["amcl", "perfect"]
+
+
+def evaluate(
+    planners: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN_OR_WEIGHTS",
+            help="Run folder, weights file, 'random' or 'straight'; several are compared.",
+        ),
+    ],
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="Name or YAML file; default: what was trained on."),
+    ] = None,
+    episodes: Annotated[int, typer.Option(metavar="N", help="Episodes per planner.")] = 200,
+    seed: Annotated[
+        int, typer.Option(metavar="SEED", help="Same seed, same episodes for every planner.")
+    ] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="W", help="Processes; default: one per core; 0: none but this."),
+    ] = None,
+    greedy: Annotated[
+        bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
+    ] = False,
+    localization: Annotated[
+        Localization | None, typer.Option(help="Default: as trained; perfect hands out the truth.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Metrics and episodes as JSON.")] = False,
+) -> None:
+    """Measure a policy with the paper's nine metrics."""
+    _check(episodes, seed, workers)
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    results = [
+        _evaluate_one(each, scenario, episodes, seed, count, greedy, localization)
+        for each in planners
+    ]
+    if json:
+        dictionaries = [result.to_dict() for result in results]
+        content = dictionaries[0] if len(results) == 1 else {"results": dictionaries}
+        typer.echo(json_format.dumps(content, indent=2))
+        return
+    from lndrl.cli.tables import print_tables
+    from lndrl.evaluation import comparison_table, result_table
+
+    print_tables(*(result_table(result) for result in results))
+    if len(results) > 1:
+        print_tables(comparison_table(results))
+
+
+def _check(episodes: int, seed: int, workers: int | None) -> None:
+    if episodes < 1:
+        raise UserError(f"--episodes {episodes}: must be 1 or more")
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must be 0 or more")
+    if workers is not None and workers < 0:
+        raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+
+
+def _evaluate_one(
+    planner: str,
+    scenario: str | None,
+    episodes: int,
+    seed: int,
+    workers: int,
+    greedy: bool,
+    localization: Localization | None,
+) -> EvaluationResult:
+    from lndrl.evaluation import evaluate as run_evaluation
+    from lndrl.evaluation import settings_for
+    from lndrl.planners import planner_source
+    from lndrl.view.progress import progress_bar
+
+    source = planner_source(planner)
+    config = settings_for(source, scenario, localization)
+    title = f"{Path(planner).name} on {config.scenario.name}"
+    arrived = 0
+    with progress_bar(episodes, title, "episodes") as advance:
+
+        def note(record: EpisodeRecord) -> None:
+            nonlocal arrived
+            arrived += record.outcome == "arrived"
+            advance(1, f"{arrived} arrived")
+
+        return run_evaluation(source, config, episodes, seed, workers, greedy, note)

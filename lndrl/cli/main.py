@@ -1,0 +1,127 @@
+"""The command ``lndrl``: one small file per subcommand, imported when it is called.
+
+Exit codes: 0 done, 1 the work failed, 2 the input must be mended (one sentence on stderr),
+130 interrupted by Ctrl-C, 143 asked to end by SIGTERM.
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from lndrl.errors import UserError
+
+# What `lndrl --help` shows; the rest of a command is imported only when it is called, because
+# torch and numba take seconds.
+SUMMARIES = {
+    "train": "Train a policy on this machine: one learner and its actors.",
+    "learner": "Run only the learner; actors connect to it from anywhere.",
+    "actor": "Run actors that simulate worlds for a learner.",
+    "dashboard": "Watch a running learner from another terminal.",
+    "evaluate": "Measure a policy with the paper's nine metrics.",
+    "play": "Draw an episode of a policy as a picture or an animation.",
+    "bench": "Measure how fast the parts are on this machine.",
+    "version": "Say which versions are installed.",
+}
+
+_SETTING = re.compile(r"[A-Za-z_][\w.]*=")
+
+
+def load_command(name: str) -> Any:
+    """The typer command ``name``, from the function of that name in ``lndrl.cli.NAME``."""
+    function = getattr(import_module(f"lndrl.cli.{name}"), name)
+    app = typer.Typer(add_completion=False)
+    app.command(name)(function)
+    command = get_command(app)
+    command.name = name
+    return command
+
+
+class LazyCommands(TyperGroup):
+    """A group that knows its commands by name and summary and imports the one that is called."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = {name: TyperCommand(name, help=text) for name, text in SUMMARIES.items()}
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Name, imported command and its arguments; an unknown name suggests the nearest."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, load_command(name) if name else command, rest
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from lndrl.version import VERSION
+
+        typer.echo(VERSION)
+        raise typer.Exit
+
+
+app = typer.Typer(name="lndrl", cls=LazyCommands, add_completion=False)
+
+
+@app.callback(help="Train robots that walk through crowds and keep knowing where they are.")
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_show_version, is_eager=True, help="Say the version and leave."
+    ),
+) -> None:
+    """Options before the command."""
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line; returns the exit code and never raises for user input."""
+    arguments = list(_spread_settings(arguments)) or ["--help"]
+    try:
+        result = get_command(app).main(args=arguments, prog_name="lndrl", standalone_mode=False)
+    except UserError as error:
+        return _refuse("lndrl", str(error))
+    except typer.TyperException as error:
+        command = getattr(getattr(error, "ctx", None), "command_path", "lndrl")
+        return _refuse(command, error.format_message())
+    except (KeyboardInterrupt, typer.Abort):
+        return 128 + signal.SIGINT
+    return result if isinstance(result, int) else 0
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    received: list[int] = []
+
+    def terminate(number: int, frame: object) -> None:
+        # SIGTERM takes the way of Ctrl-C, so that services and fleets clean up after themselves.
+        received.append(number)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, terminate)
+    code = run(sys.argv[1:])
+    sys.exit(128 + received[0] if received and code == 128 + signal.SIGINT else code)
+
+
+def _spread_settings(arguments: Sequence[str]) -> Iterator[str]:
+    """``--set a=1 b=2`` as ``--set a=1 --set b=2``."""
+    after_set = False
+    for position, argument in enumerate(arguments):
+        is_setting = _SETTING.match(argument) is not None
+        if after_set and is_setting and arguments[position - 1] != "--set":
+            yield "--set"
+        after_set = argument == "--set" or (after_set and is_setting)
+        yield argument
+
+
+def _refuse(speaker: str, message: str) -> int:
+    print(f"{speaker}: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    main()

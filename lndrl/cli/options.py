@@ -1,0 +1,72 @@
+"""Options that several commands share, and the checks of their text."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lndrl.errors import UserError
+
+ConfigFile = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="CONFIG", help="YAML file, e.g. configs/lndrl.yaml.", show_default=False
+    ),
+]
+RunName = Annotated[
+    str | None,
+    typer.Option("--run", metavar="NAME", help="Folder runs/NAME; else named by file and time."),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key of the configuration, e.g. ppo.epochs=4."
+    ),
+]
+Steps = Annotated[
+    int | None,
+    typer.Option("--steps", min=1, metavar="S", help="Stop after this many environment steps."),
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Continue runs/NAME from its newest checkpoint.")
+]
+CheckpointName = Annotated[
+    str | None,
+    typer.Option(
+        "--checkpoint", metavar="STEP", help="With --resume: the checkpoint, e.g. step-000040960."
+    ),
+]
+Listen = Annotated[
+    str | None,
+    typer.Option(
+        "--listen",
+        metavar="ENDPOINT",
+        help="Where actors and dashboards connect; tcp/127.0.0.1:7447 unless configured.",
+    ),
+]
+
+_SCHEMES = ("tcp", "tls", "quic", "ws", "unixsock-stream")
+_DEVICE = re.compile(r"cpu|mps|cuda(:\d+)?")
+
+
+def check_endpoint(endpoint: str, option: str) -> str:
+    """``endpoint`` if it reads like tcp/HOST:PORT; raises UserError otherwise."""
+    scheme, slash, address = endpoint.partition("/")
+    example = "write it like tcp/127.0.0.1:7447"
+    if not slash or scheme not in _SCHEMES or not address:
+        raise UserError(f"{option} {endpoint}: not an endpoint; {example}")
+    if scheme != "unixsock-stream":
+        host, colon, port = address.rpartition(":")
+        if not colon or not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+            raise UserError(f"{option} {endpoint}: needs a host and a port 1 to 65535; {example}")
+    return endpoint
+
+
+def check_device(device: str) -> str:
+    """``device`` if torch could know it (cpu, cuda, cuda:0, mps); raises UserError otherwise."""
+    if not _DEVICE.fullmatch(device):
+        raise UserError(f"--device {device}: not a device; write cpu, cuda or cuda:0")
+    return device

@@ -1,0 +1,65 @@
+"""Run folders: which folder and which configuration a command works with.
+
+Nothing is created here; the learner makes the folder once it holds its port.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from lndrl.config import RunConfig, load_config
+from lndrl.errors import UserError
+
+RUNS = Path("runs")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+
+
+def choose_run(
+    config_file: Path | None, name: str | None, resume: bool, overrides: Sequence[str]
+) -> tuple[RunConfig, Path]:
+    """Configuration and folder of a new run, or of the run that is resumed.
+
+    A resumed run takes its configuration from its own ``config.yaml``; ``overrides`` apply to
+    either. Raises UserError when the folder exists (or, resumed, does not) and for what
+    ``load_config`` refuses.
+    """
+    if name is not None and not _NAME.fullmatch(name):
+        raise UserError(
+            f"--run {name}: must be one folder name of letters, digits, '.', '_' and '-'"
+        )
+    if resume:
+        return _resumed(config_file, name, overrides)
+    if config_file is None:
+        raise UserError("the configuration is missing; name a file, e.g. configs/lndrl.yaml")
+    config = load_config(config_file, list(overrides))
+    folder = RUNS / (name or f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
+    if folder.exists():
+        raise UserError(
+            f"{folder} exists already; continue it with --resume or choose another --run NAME"
+        )
+    return config, folder
+
+
+def _resumed(
+    config_file: Path | None, name: str | None, overrides: Sequence[str]
+) -> tuple[RunConfig, Path]:
+    if name is None:
+        raise UserError(f"--resume needs --run NAME; {_known()}")
+    folder = RUNS / name
+    if not folder.is_dir():
+        raise UserError(f"{folder} does not exist, so it cannot be resumed; {_known()}")
+    own = folder / "config.yaml"
+    if config_file is not None:
+        given, kept = load_config(config_file), load_config(own)
+        if given.content_hash() != kept.content_hash():
+            print(f"note: {folder} goes on with its own {own}, not {config_file}", file=sys.stderr)
+    return load_config(own, list(overrides)), folder
+
+
+def _known() -> str:
+    names = sorted(path.parent.name for path in RUNS.glob("*/config.yaml"))
+    return f"runs that exist: {', '.join(names)}" if names else "no run exists here yet"

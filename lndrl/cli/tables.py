@@ -1,0 +1,17 @@
+"""Tables on stdout, for people in a terminal and for pipes."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+
+def print_tables(*tables: Table) -> None:
+    """Print each table; where no terminal limits it, in its full width and without colours."""
+    console = Console(highlight=False)
+    for table in tables:
+        if not console.is_terminal:
+            # Rich would squeeze the table into 80 columns that a pipe does not have.
+            needed = console.measure(table, options=console.options.update(width=500)).maximum
+            console = Console(highlight=False, width=max(needed, 80))
+        console.print(table)

@@ -1,0 +1,69 @@
+"""``lndrl train``: learner and actors on this machine, or all in one process with --serial."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from lndrl.cli.options import (
+    CheckpointName,
+    ConfigFile,
+    Listen,
+    Resume,
+    RunName,
+    Settings,
+    Steps,
+    check_endpoint,
+)
+from lndrl.cli.runs import choose_run
+from lndrl.cli.signals import stop_on_signals
+from lndrl.errors import UserError
+
+
+def train(
+    config: ConfigFile = None,
+    actors: Annotated[
+        int | None,
+        typer.Option("--actors", min=1, metavar="N", help="Actors, each a process of its own."),
+    ] = None,
+    steps: Steps = None,
+    run: RunName = None,
+    settings: Settings = None,
+    resume: Resume = False,
+    checkpoint: CheckpointName = None,
+    serial: Annotated[
+        bool,
+        typer.Option("--serial", help="Everything in this process: slower, same bits every time."),
+    ] = False,
+    listen: Listen = None,
+    dashboard: Annotated[
+        bool | None,
+        typer.Option("--dashboard/--no-dashboard", help="Draw the run; default: in a terminal."),
+    ] = None,
+) -> None:
+    """Train a policy on this machine: one learner and its actors."""
+    if serial and (listen or dashboard):
+        option = "--listen" if listen else "--dashboard"
+        raise UserError(f"{option} does not go with --serial, which nothing can attach to")
+    if checkpoint is not None and not resume:
+        raise UserError("--checkpoint goes with --resume")
+    overrides = list(settings or [])
+    if actors is not None:
+        overrides.append(f"actor.count={actors}")
+    if steps is not None:
+        overrides.append(f"learner.total_steps={steps}")
+    if listen is not None:
+        overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
+    chosen, folder = choose_run(config, run, resume, overrides)
+    from lndrl.cli import training
+
+    with stop_on_signals("the learner writes a checkpoint") as stop:
+        if serial:
+            summary = training.train_serially(chosen, folder, resume, checkpoint, stop)
+        else:
+            drawn = sys.stdout.isatty() if dashboard is None else dashboard
+            summary = training.train_locally(chosen, folder, resume, checkpoint, drawn, stop)
+    typer.echo(str(summary))
+    raise typer.Exit(stop.exit_code)

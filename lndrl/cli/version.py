@@ -1,0 +1,32 @@
+"""``lndrl version``: what is installed, for bug reports."""
+
+from __future__ import annotations
+
+import json as json_format
+import platform
+from importlib import metadata
+from typing import Annotated
+
+import typer
+
+from lndrl.version import VERSION
+
+# Read from the installed packages' names, because importing torch takes seconds.
+_LIBRARIES = ("torch", "eclipse-zenoh", "numba", "numpy", "pymunk")
+
+
+def version(
+    json: Annotated[bool, typer.Option("--json", help="As one JSON object.")] = False,
+) -> None:
+    """Say which versions are installed."""
+    found = {"lndrl": VERSION, "python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "missing"
+    if json:
+        typer.echo(json_format.dumps(found))
+    else:
+        width = max(map(len, found))
+        typer.echo("\n".join(f"{name:<{width}}  {number}" for name, number in found.items()))

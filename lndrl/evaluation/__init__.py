@@ -1,0 +1,25 @@
+"""The paper's nine metrics, the test bench that gathers them, and tables."""
+
+from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.metrics import Metrics, Rate, Spread, metrics_of
+from lndrl.evaluation.result import EvaluationResult, load_result
+from lndrl.evaluation.runner import BLOCK, evaluate, settings_for
+from lndrl.evaluation.tables import comparison_table, result_table
+from lndrl.evaluation.wilson import wilson_interval
+
+__all__ = [
+    "BLOCK",
+    "TEST_WORLD",
+    "EpisodeRunner",
+    "EvaluationResult",
+    "Metrics",
+    "Rate",
+    "Spread",
+    "comparison_table",
+    "evaluate",
+    "load_result",
+    "metrics_of",
+    "result_table",
+    "settings_for",
+    "wilson_interval",
+]

@@ -1,0 +1,110 @@
+"""Evaluating a planner on many episodes in parallel, with the same result however many help."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import Literal
+
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, load_scenario
+from lndrl.errors import UserError
+from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.pool import Work, run_tasks
+from lndrl.evaluation.result import EvaluationResult
+from lndrl.navigation import EpisodeRecord
+from lndrl.planners import PlannerSource, planner_source
+from lndrl.version import VERSION
+
+BLOCK = 8
+"""Episodes side by side in one worker. Fixed, and blocks never mix: rounding in a network
+depends on the size of its batch, so the episodes of a batch must not depend on the workers."""
+
+DEFAULT_CONFIG = REPOSITORY_CONFIGS / "lndrl.yaml"
+
+
+def settings_for(
+    source: PlannerSource,
+    scenario: str | None = None,
+    localization: Literal["amcl", "perfect"] | None = None,
+) -> RunConfig:
+    """Configuration to test ``source`` under: its own, or ``configs/lndrl.yaml`` for the floors.
+
+    ``scenario`` (name or YAML file) and ``localization`` replace those inside. Raises UserError
+    for an unknown scenario.
+    """
+    config = source.config or load_config(DEFAULT_CONFIG)
+    changes: dict[str, object] = {}
+    if scenario is not None:
+        changes["scenario"] = load_scenario(scenario)
+    if localization is not None:
+        changes["localization"] = config.localization.model_copy(update={"kind": localization})
+    return config.model_copy(update=changes)
+
+
+def evaluate(
+    planner: PlannerSource | str,
+    config: RunConfig,
+    episodes: int,
+    seed: int = 0,
+    workers: int = 0,
+    greedy: bool = False,
+    progress: Callable[[EpisodeRecord], None] | None = None,
+) -> EvaluationResult:
+    """Run test episodes 0 to ``episodes`` - 1 of ``seed`` and gather their records in order.
+
+    ``workers`` processes share the work, 0 keeps it in this one; the result is the same.
+    ``progress`` gets each record as its episode ends, in any order. Ctrl-C leaves no process.
+
+    Raises UserError when ``episodes`` is below 1, ``workers`` below 0, the planner cannot be
+    found or built, the scenario is impossible, or a worker dies.
+    """
+    if episodes < 1:
+        raise UserError(f"{episodes} episodes cannot be evaluated; give 1 or more")
+    if workers < 0:
+        raise UserError(f"{workers} workers cannot work; give 0 (none but this process) or more")
+    source = planner_source(planner) if isinstance(planner, str) else planner
+    config = config.model_copy(update={"seed": seed})
+    blocks = [range(first, min(first + BLOCK, episodes)) for first in range(0, episodes, BLOCK)]
+    records: list[EpisodeRecord] = []
+    results = run_tasks(_make_work, (source, config, greedy), blocks, min(workers, len(blocks)))
+    with _same_threads_after(source), closing(results):
+        for record in results:
+            records.append(record)
+            if progress is not None:
+                progress(record)
+    records.sort(key=lambda record: record.world)
+    assert [record.world - TEST_WORLD for record in records] == list(range(episodes))
+    return EvaluationResult(
+        planner=source.name,
+        scenario=config.scenario.name,
+        localization=config.localization.kind,
+        actions="rule" if source.weights is None else "greedy" if greedy else "sampled",
+        seed=seed,
+        config_hash=config.content_hash(),
+        program_version=VERSION,
+        records=tuple(records),
+    )
+
+
+def _make_work(source: PlannerSource, config: RunConfig, greedy: bool) -> Work:
+    if source.weights is not None:
+        import torch
+
+        # Workers share the cores by being many, and sums rounded alike need as many threads.
+        torch.set_num_threads(1)
+    return EpisodeRunner(source, config, greedy)
+
+
+@contextmanager
+def _same_threads_after(source: PlannerSource) -> Iterator[None]:
+    """Give this process its torch threads back, should ``_make_work`` have run in it."""
+    if source.weights is None:
+        yield
+        return
+    import torch
+
+    threads = torch.get_num_threads()
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -1,0 +1,77 @@
+"""What all configuration models share: frozen, strict about keys, errors as sentences."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from lndrl.errors import UserError
+
+
+class Model(BaseModel):
+    """A frozen model that refuses unknown keys and non-finite numbers."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False
+    )
+
+
+M = TypeVar("M", bound=Model)
+
+
+def load_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML file that holds a mapping; raises UserError with file and line otherwise."""
+    try:
+        text = path.read_text()
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read ({error})") from None
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or "not valid YAML"
+        raise UserError(f"{path}{where}: {problem}") from None
+    if not isinstance(data, dict):
+        raise UserError(f"{path}: must hold keys and values, not {type(data).__name__}")
+    return data
+
+
+def validate(model: type[M], data: Any, where: str) -> M:
+    """Build ``model`` from plain data; raises UserError naming ``where``, key and mend."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise UserError("; ".join(_sentence(model, e, where) for e in error.errors()[:3])) from None
+
+
+def _sentence(model: type[Model], error: Any, where: str) -> str:
+    key = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        known = _keys_at(model, error["loc"][:-1])
+        close = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
+        return f"{where}: unknown key {key}; {hint}"
+    if error["type"] == "missing":
+        return f"{where}: {key} is missing"
+    message = error["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    if error["type"] == "value_error":
+        return f"{where}: {key + ': ' if key else ''}{message}"
+    return f"{where}: {key} = {error['input']!r}: {message}"
+
+
+def _keys_at(model: type[Model], location: tuple[Any, ...]) -> list[str]:
+    current: Any = model
+    for part in location:
+        if isinstance(part, str) and part in getattr(current, "model_fields", {}):
+            annotation = current.model_fields[part].annotation
+            inner = [a for a in getattr(annotation, "__args__", ()) if hasattr(a, "model_fields")]
+            current = inner[0] if inner else annotation
+    return sorted(getattr(current, "model_fields", {}))

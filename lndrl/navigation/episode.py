@@ -1,0 +1,108 @@
+"""What is written down about a finished episode."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.navigation.reward import REWARD_PARTS
+
+Outcome = Literal["arrived", "collided", "lost", "timeout"]
+OUTCOMES: tuple[str, ...] = get_args(Outcome)
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """One finished episode: how it ended and the sums behind the paper's metrics.
+
+    time in s, distance in m along the true path, position_error (m), angle_error (rad) and
+    variance_sum (raw var_x + var_y + var_yaw) as means over the control steps ("after each
+    action is performed", PAPER §IV-B), episode_return undiscounted, reward_parts its summands.
+    """
+
+    world: int
+    episode: int
+    outcome: Outcome
+    steps: int
+    time: float
+    distance: float
+    position_error: float
+    angle_error: float
+    variance_sum: float
+    episode_return: float
+    reward_parts: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain types for the wire."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> EpisodeRecord:
+        """Read ``to_dict``'s output; raises ValueError that names the first wrong field."""
+        if not isinstance(data, Mapping) or set(data) != set(cls.__dataclass_fields__):
+            raise ValueError(f"an episode record needs the keys {list(cls.__dataclass_fields__)}")
+        for name in ("world", "episode", "steps"):
+            if type(data[name]) is not int or data[name] < 0:
+                raise ValueError(f"episode record: {name} must be a whole number from 0")
+        if not isinstance(data["outcome"], str) or data["outcome"] not in OUTCOMES:
+            raise ValueError(f"episode record: outcome must be one of {', '.join(OUTCOMES)}")
+        for name in ("time", "distance", "position_error", "angle_error", "variance_sum"):
+            if not _is_finite(data[name]) or data[name] < 0:
+                raise ValueError(f"episode record: {name} must be a finite number from 0")
+        if not _is_finite(data["episode_return"]):
+            raise ValueError("episode record: episode_return must be a finite number")
+        parts = data["reward_parts"]
+        if not isinstance(parts, Mapping) or set(parts) != set(REWARD_PARTS):
+            raise ValueError(f"episode record: reward_parts needs the keys {list(REWARD_PARTS)}")
+        if not all(_is_finite(value) for value in parts.values()):
+            raise ValueError("episode record: reward_parts must be finite numbers")
+        return cls(**{**data, "reward_parts": dict(parts)})
+
+
+class EpisodeTally:
+    """Running sums of one episode; ``record`` turns them into an EpisodeRecord.
+
+    ``sums`` (9,): the six reward parts, position error, angle error, sum of variances; they are
+    added up by ``reward.judge``.
+    """
+
+    def __init__(self) -> None:
+        self.sums: NDArray[np.float64] = np.zeros(9)
+        self.clear()
+
+    def clear(self) -> None:
+        """Start a new episode."""
+        self.sums[:] = 0.0
+        self.steps = 0
+        self.distance = 0.0
+
+    @property
+    def episode_return(self) -> float:
+        """Undiscounted sum of rewards so far."""
+        return float(self.sums[:6].sum())
+
+    def record(self, world: int, episode: int, outcome: Outcome, time: float) -> EpisodeRecord:
+        """The record of the episode so far; needs at least one step."""
+        position_error, angle_error, variance_sum = (self.sums[6:] / self.steps).tolist()
+        return EpisodeRecord(
+            world=world,
+            episode=episode,
+            outcome=outcome,
+            steps=self.steps,
+            time=float(time),
+            distance=float(self.distance),
+            position_error=position_error,
+            angle_error=angle_error,
+            variance_sum=variance_sum,
+            episode_return=self.episode_return,
+            reward_parts=dict(zip(REWARD_PARTS, self.sums[:6].tolist(), strict=True)),
+        )
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, float | int) and type(value) is not bool and math.isfinite(value)

@@ -1,0 +1,129 @@
+"""The six-part reward and the errors it is made of, as pure functions of arrays.
+
+Poses are float64 (3,): x, y (m), yaw (rad) in the map frame. The parts are summed on every step,
+the last one of an episode included; the indicators are independent of each other, as the
+formula is printed. Source: PAPER §III-A3, parameters §6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lndrl.config import RewardConfig
+from lndrl.navigation.observation import wrap_angle
+
+REWARD_PARTS = ("approach", "pose", "arrive", "collide", "lost", "step")
+"""Names of the parts, in the order of every array of parts."""
+
+
+def reward_weights(reward: RewardConfig) -> NDArray[np.float64]:
+    """The six weights (6,) in the order of ``REWARD_PARTS``."""
+    return np.array([getattr(reward, part) for part in REWARD_PARTS], dtype=np.float64)
+
+
+@njit(cache=True, nogil=True)
+def goal_distance(pose, goal):
+    """Metres from ``pose`` (3,) to ``goal`` (2,)."""
+    return np.hypot(goal[0] - pose[0], goal[1] - pose[1])
+
+
+@njit(cache=True, nogil=True)
+def position_error(pose_true, pose_estimated):
+    """Metres between true and estimated position."""
+    return np.hypot(pose_true[0] - pose_estimated[0], pose_true[1] - pose_estimated[1])
+
+
+@njit(cache=True, nogil=True)
+def angle_error(pose_true, pose_estimated):
+    """Radians in [0, pi] between true and estimated yaw."""
+    return abs(wrap_angle(pose_true[2] - pose_estimated[2]))
+
+
+@njit(cache=True, nogil=True)
+def pose_error(pose_true, pose_estimated):
+    """Euclidean norm of (dx, dy, wrapped dyaw), metres and radians with equal weight."""
+    position = position_error(pose_true, pose_estimated)
+    return np.hypot(position, angle_error(pose_true, pose_estimated))
+
+
+@njit(cache=True, nogil=True)
+def is_lost(pose_true, pose_estimated, lost_distance, lost_angle):
+    """Whether the estimate is farther from the truth than either threshold (m, rad)."""
+    return (
+        position_error(pose_true, pose_estimated) > lost_distance
+        or angle_error(pose_true, pose_estimated) > lost_angle
+    )
+
+
+@njit(cache=True, nogil=True)
+def has_arrived(pose_estimated, goal, arrive_distance):
+    """Whether the ESTIMATED position lies within ``arrive_distance`` (m) of the goal."""
+    return goal_distance(pose_estimated, goal) < arrive_distance
+
+
+@njit(cache=True, nogil=True)
+def reward_parts(
+    pose_true_before,
+    pose_estimated_before,
+    pose_true,
+    pose_estimated,
+    variance,
+    goal,
+    arrived,
+    collided,
+    lost,
+    weights,
+    out,
+):
+    """Write the six parts of one transition to ``out`` (6,), in the order of ``REWARD_PARTS``.
+
+    ``variance`` (3,) are the unclipped variances after the transition; ``arrived``,
+    ``collided``, ``lost`` are booleans; ``weights`` (6,) come from ``reward_weights``. Approach
+    uses true positions, so a wrong belief earns nothing by itself.
+    """
+    approached = goal_distance(pose_true_before, goal) - goal_distance(pose_true, goal)
+    error_before = pose_error(pose_true_before, pose_estimated_before)
+    error = pose_error(pose_true, pose_estimated)
+    out[0] = weights[0] * approached / (1.0 + variance[0] + variance[1] + variance[2])
+    out[1] = weights[1] * (error_before - error)
+    out[2] = weights[2] if arrived else 0.0
+    out[3] = weights[3] if collided else 0.0
+    out[4] = weights[4] if lost else 0.0
+    out[5] = weights[5]
+
+
+@njit(cache=True, nogil=True)
+def judge(
+    before, pose_true, pose_estimated, variance, goal, collided, limits, weights, parts, sums
+):
+    """Pay and judge one control step in a single call; returns (reward, lost, arrived).
+
+    ``before`` (2, 3) are true and estimated pose before the step; ``limits`` the tuple
+    (lost_distance, lost_angle, arrive_distance). Writes ``parts`` (6,) and adds to ``sums`` (9,)
+    the parts, position error, angle error and the variances' sum.
+    """
+    lost = is_lost(pose_true, pose_estimated, limits[0], limits[1])
+    arrived = has_arrived(pose_estimated, goal, limits[2])
+    reward_parts(
+        before[0],
+        before[1],
+        pose_true,
+        pose_estimated,
+        variance,
+        goal,
+        arrived,
+        collided,
+        lost,
+        weights,
+        parts,
+    )
+    reward = 0.0
+    for i in range(6):
+        reward += parts[i]
+        sums[i] += parts[i]
+    sums[6] += position_error(pose_true, pose_estimated)
+    sums[7] += angle_error(pose_true, pose_estimated)
+    sums[8] += variance[0] + variance[1] + variance[2]
+    return reward, lost, arrived

@@ -1,0 +1,241 @@
+"""The one schema of an upload's arrays: what actors send and learners accept.
+
+T steps of B worlds; people are packed (only valid rows travel). ``final_*`` hold the observation
+that follows a step wherever the learner needs its value and no next row has it: after every
+truncated step, and after the last step of every world whose episode goes on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.config import RunConfig, TaskConfig
+from lndrl.navigation.observation import Observation
+
+_TOLERANCE = 1e-4  # float32 rounding of bounds that were kept in float64
+_MAX_COORDINATE = 1e6  # m; far beyond any map, keeps float32 arithmetic finite
+_MAX_SPEED = 100.0  # m/s of a person
+_MAX_REWARD = 1e9
+
+# name -> (dtype, axes); T steps, B worlds, M and G packed people, F final rows
+SCHEMA: dict[str, tuple[str, tuple[str | int, ...]]] = {
+    "scan": ("<u2", ("T", "B", "beams")),
+    "pedestrian_rows": ("<f4", ("M", 4)),
+    "pedestrian_count": ("|u1", ("T", "B")),
+    "goal": ("<f4", ("T", "B", 6)),
+    "action": ("|u1", ("T", "B")),
+    "log_prob": ("<f4", ("T", "B")),
+    "reward": ("<f4", ("T", "B")),
+    "terminated": ("|u1", ("T", "B")),
+    "truncated": ("|u1", ("T", "B")),
+    "version": ("<u4", ("T", "B")),
+    "final_index": ("<i4", ("F",)),
+    "final_scan": ("<u2", ("F", "beams")),
+    "final_pedestrian_rows": ("<f4", ("G", 4)),
+    "final_pedestrian_count": ("|u1", ("F",)),
+    "final_goal": ("<f4", ("F", 6)),
+}
+
+
+def final_indices(
+    terminated: NDArray[np.bool_] | NDArray[np.uint8],
+    truncated: NDArray[np.bool_] | NDArray[np.uint8],
+) -> NDArray[np.int32]:
+    """Flat indices t * B + b, ascending, of the steps (T, B) whose next observation is stored."""
+    needed = np.asarray(truncated) != 0
+    needed[-1] |= np.asarray(terminated)[-1] == 0
+    return np.flatnonzero(needed).astype(np.int32)
+
+
+@dataclass
+class Trajectory:
+    """T steps of B worlds.
+
+    observation (T, B) before each action; action uint8, log_prob, reward float32, terminated and
+    truncated uint8 0/1 (never both), version uint32 (weights the action was drawn from), all
+    (T, B); final_index int32 (F,) from ``final_indices`` and final_observation (F,).
+    """
+
+    observation: Observation
+    action: NDArray[np.uint8]
+    log_prob: NDArray[np.float32]
+    reward: NDArray[np.float32]
+    terminated: NDArray[np.uint8]
+    truncated: NDArray[np.uint8]
+    version: NDArray[np.uint32]
+    final_index: NDArray[np.int32]
+    final_observation: Observation
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return self.action.shape[0]
+
+    @property
+    def worlds(self) -> int:
+        """B."""
+        return self.action.shape[1]
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays of ``SCHEMA``, people packed; contiguous, little-endian."""
+        final = self.final_observation
+        arrays = {
+            "scan": self.observation.scan,
+            "pedestrian_rows": _pack(self.observation),
+            "pedestrian_count": self.observation.pedestrian_count,
+            "goal": self.observation.goal,
+            "action": self.action,
+            "log_prob": self.log_prob,
+            "reward": self.reward,
+            "terminated": self.terminated,
+            "truncated": self.truncated,
+            "version": self.version,
+            "final_index": self.final_index,
+            "final_scan": final.scan,
+            "final_pedestrian_rows": _pack(final),
+            "final_pedestrian_count": final.pedestrian_count,
+            "final_goal": final.goal,
+        }
+        return {
+            name: np.ascontiguousarray(array, dtype=SCHEMA[name][0])
+            for name, array in arrays.items()
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]], config: RunConfig) -> Trajectory:
+        """Read and check an upload against ``config``.
+
+        Raises ValueError with one sentence for anything that ``to_arrays`` could not have made:
+        names, dtypes, shapes, ranges, NaN. Arrays may be read-only views; they are not copied
+        except people, who are unpacked to zero padded rows.
+        """
+        checked = _checked_shapes(arrays, config)
+        _check_ranges(checked, config.task)
+        capacity = config.task.max_pedestrians
+        prefixes = ("", "final_")
+        observation, final = (
+            Observation(
+                scan=checked[prefix + "scan"],
+                pedestrians=_unpack(
+                    checked[prefix + "pedestrian_rows"],
+                    checked[prefix + "pedestrian_count"],
+                    capacity,
+                ),
+                pedestrian_count=checked[prefix + "pedestrian_count"],
+                goal=checked[prefix + "goal"],
+            )
+            for prefix in prefixes
+        )
+        rest = ("action", "log_prob", "reward", "terminated", "truncated", "version")
+        return cls(
+            observation=observation,
+            final_index=checked["final_index"],
+            final_observation=final,
+            **{name: checked[name] for name in rest},
+        )
+
+
+def _valid_rows(count: NDArray[np.uint8], capacity: int) -> NDArray[np.bool_]:
+    return np.arange(capacity) < count[..., None]
+
+
+def _pack(observation: Observation) -> NDArray[np.float32]:
+    """Valid people rows (M, 4) in the order of the leading axes."""
+    people = observation.pedestrians
+    return people[_valid_rows(observation.pedestrian_count, people.shape[-2])]
+
+
+def _unpack(
+    rows: NDArray[np.float32], count: NDArray[np.uint8], capacity: int
+) -> NDArray[np.float32]:
+    people = np.zeros((*count.shape, capacity, 4), np.float32)
+    people[_valid_rows(count, capacity)] = rows
+    return people
+
+
+def _checked_shapes(
+    arrays: Mapping[str, NDArray[Any]], config: RunConfig
+) -> dict[str, NDArray[Any]]:
+    """Names, types, dtypes and shapes; returns contiguous arrays."""
+    if not isinstance(arrays, Mapping) or set(arrays) != set(SCHEMA):
+        given = sorted(map(str, arrays)) if isinstance(arrays, Mapping) else type(arrays).__name__
+        raise ValueError(f"trajectory needs exactly the arrays {sorted(SCHEMA)}, not {given}")
+    sizes: dict[str, int] = {"beams": config.world.laser.beams}
+    checked = {}
+    for name, (dtype, axes) in SCHEMA.items():
+        array = arrays[name]
+        if not isinstance(array, np.ndarray) or array.dtype != np.dtype(dtype):
+            kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+            raise ValueError(f"trajectory array {name} must be {np.dtype(dtype)}, not {kind}")
+        if array.ndim != len(axes):
+            raise ValueError(f"trajectory array {name} must have {len(axes)} axes")
+        for axis, length in zip(axes, array.shape, strict=True):
+            expected = axis if isinstance(axis, int) else sizes.setdefault(axis, length)
+            if length != expected:
+                raise ValueError(
+                    f"trajectory array {name} has shape {array.shape}, {axis} must be {expected}"
+                )
+        checked[name] = np.ascontiguousarray(array)
+    if sizes["T"] < 1 or sizes["B"] < 1:
+        raise ValueError("trajectory must hold at least one step of one world")
+    return checked
+
+
+def _check_ranges(arrays: dict[str, NDArray[Any]], task: TaskConfig) -> None:
+    actions = len(task.linear_velocities) * len(task.angular_velocities)
+    _require(arrays, "action", lambda a: a < actions, f"below {actions}")
+    # A probability of 1 may round to a log probability a hair above 0.
+    _require(arrays, "log_prob", lambda a: np.isfinite(a) & (a <= 1e-5), "finite, at most 0")
+    _require(arrays, "reward", lambda a: np.abs(a) <= _MAX_REWARD, "finite")
+    _require(arrays, "terminated", lambda a: a <= 1, "0 or 1")
+    _require(arrays, "truncated", lambda a: a <= 1, "0 or 1")
+    if (arrays["terminated"] & arrays["truncated"]).any():
+        raise ValueError("trajectory step cannot be both terminated and truncated")
+    expected = final_indices(arrays["terminated"], arrays["truncated"])
+    if not np.array_equal(arrays["final_index"], expected):
+        raise ValueError(
+            "trajectory final_index must list, ascending, every truncated step and the last "
+            "step of every world that goes on"
+        )
+    for prefix in ("", "final_"):
+        _check_people(arrays, task, prefix)
+        _check_goal(arrays[prefix + "goal"], task, prefix)
+
+
+def _check_people(arrays: dict[str, NDArray[Any]], task: TaskConfig, prefix: str) -> None:
+    limit = task.max_pedestrians
+    _require(arrays, prefix + "pedestrian_count", lambda a: a <= limit, f"at most {limit}")
+    rows = arrays[prefix + "pedestrian_rows"]
+    if int(arrays[prefix + "pedestrian_count"].sum(dtype=np.int64)) != len(rows):
+        raise ValueError(f"trajectory {prefix}pedestrian_rows must match the counts' sum")
+    half = 0.5 * task.map_extent + _TOLERANCE
+    if not (np.abs(rows[:, :2]) <= half).all() or not (np.abs(rows[:, 2:]) <= _MAX_SPEED).all():
+        raise ValueError(f"trajectory {prefix}pedestrian_rows must be people in view, finite")
+
+
+def _check_goal(goal: NDArray[np.float32], task: TaskConfig, prefix: str) -> None:
+    position, angle, variance = goal[..., :2], goal[..., 2], goal[..., 3:]
+    if not (np.abs(position) <= _MAX_COORDINATE).all():
+        raise ValueError(f"trajectory {prefix}goal must hold finite positions")
+    if not (np.abs(angle) <= math.pi + _TOLERANCE).all():
+        raise ValueError(f"trajectory {prefix}goal must hold angles in [-pi, pi]")
+    limit = task.variance_limit * (1.0 + 1e-6)
+    if not ((variance >= 0.0) & (variance <= limit)).all():
+        raise ValueError(f"trajectory {prefix}goal must hold variances in [0, {limit:g}]")
+
+
+def _require(
+    arrays: dict[str, NDArray[Any]],
+    name: str,
+    holds: Callable[[NDArray[Any]], NDArray[np.bool_]],
+    what: str,
+) -> None:
+    """NaN fails every comparison, so each ``holds`` also refuses NaN."""
+    if not holds(arrays[name]).all():
+        raise ValueError(f"trajectory array {name} must be {what}")

@@ -1,0 +1,104 @@
+"""Many worlds stepped together, each starting its next episode by itself when one ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.config import RunConfig
+from lndrl.localization import LikelihoodMap
+from lndrl.navigation.actions import action_table
+from lndrl.navigation.episode import EpisodeRecord
+from lndrl.navigation.navigation import Navigation, build_surroundings
+from lndrl.navigation.observation import Observation
+from lndrl.world import Place
+
+
+@dataclass(slots=True)
+class StepResult:
+    """One step of B worlds.
+
+    ``final_observation`` (B,) is reused by the next step; only rows whose world terminated or
+    was truncated in this step are meaningful. The other arrays are new each step.
+    """
+
+    reward: NDArray[np.float32]  # (B,)
+    terminated: NDArray[np.bool_]  # (B,)
+    truncated: NDArray[np.bool_]  # (B,)
+    final_observation: Observation
+    episodes: list[EpisodeRecord]
+
+
+class VectorNavigation:
+    """B worlds with ids ``first_world``, ``first_world`` + 1, ...; shared place and field.
+
+    World i plays episodes ``first_episode``, ``first_episode`` + 1, ... one after the other; what
+    happens in one world never depends on the others. ``observation`` (B,) is rewritten in place
+    by ``step``: copy what must outlive it. ``on_end``, when set, is called with a world that has
+    just ended and its record, before that world starts its next episode.
+    """
+
+    def __init__(
+        self,
+        config: RunConfig,
+        first_world: int = 0,
+        worlds: int = 1,
+        first_episode: int = 0,
+        surroundings: tuple[Place, LikelihoodMap] | None = None,
+    ) -> None:
+        self.config = config
+        self.first_episode = first_episode
+        self.actions = action_table(config.task)
+        self.observation = Observation.zeros_for(worlds, config)
+        self.on_end: Callable[[Navigation, EpisodeRecord], None] | None = None
+        self._final = Observation.zeros_for(worlds, config)
+        place, field = surroundings or build_surroundings(config)
+        self.worlds = [
+            Navigation(place, field, config, first_world + i, self.observation.take((i, Ellipsis)))
+            for i in range(worlds)
+        ]
+        self.reset_all()
+
+    def __len__(self) -> int:
+        return len(self.worlds)
+
+    def reset_all(self) -> None:
+        """Start every world at ``first_episode`` again."""
+        for world in self.worlds:
+            world.reset(self.first_episode)
+
+    def step(self, actions: NDArray[np.integer]) -> StepResult:
+        """Take action numbers (B,); raises ValueError when one is not in the table."""
+        actions = np.asarray(actions)
+        if actions.min() < 0 or actions.max() >= len(self.actions):
+            raise ValueError(f"actions must be numbers from 0 to {len(self.actions) - 1}")
+        return self.step_velocities(self.actions[actions])
+
+    def step_velocities(self, velocities: NDArray[np.float64]) -> StepResult:
+        """Take velocities (B, 2) v (m/s), w (rad/s); any values, not only the table's."""
+        number = len(self.worlds)
+        if velocities.shape != (number, 2):
+            raise ValueError(f"expected commands for {number} worlds, not {velocities.shape}")
+        result = StepResult(
+            reward=np.empty(number, np.float32),
+            terminated=np.zeros(number, np.bool_),
+            truncated=np.zeros(number, np.bool_),
+            final_observation=self._final,
+            episodes=[],
+        )
+        for i, (world, (v, w)) in enumerate(zip(self.worlds, velocities.tolist(), strict=True)):
+            transition = world.step(v, w)
+            result.reward[i] = transition.reward
+            if transition.record is None:
+                continue
+            result.terminated[i] = transition.terminated
+            result.truncated[i] = transition.truncated
+            result.episodes.append(transition.record)
+            self._final.put(i, world.observation)
+            if self.on_end is not None:
+                self.on_end(world, transition.record)
+            world.reset()
+        return result

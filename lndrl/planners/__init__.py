@@ -1,0 +1,15 @@
+"""Anything that turns an observation into a velocity: the learned policy and two floors."""
+
+from lndrl.planners.factory import PlannerSource, make_planner, planner_source
+from lndrl.planners.interface import Planner, episode_generator
+from lndrl.planners.simple import RandomPlanner, StraightPlanner
+
+__all__ = [
+    "Planner",
+    "PlannerSource",
+    "RandomPlanner",
+    "StraightPlanner",
+    "episode_generator",
+    "make_planner",
+    "planner_source",
+]

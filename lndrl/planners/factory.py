@@ -1,0 +1,71 @@
+"""From what a user types to a planner: ``random``, ``straight``, a run folder or weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lndrl.config import RunConfig
+from lndrl.errors import UserError
+from lndrl.planners.interface import Planner
+from lndrl.planners.simple import RandomPlanner, StraightPlanner
+
+FLOORS: dict[str, type[RandomPlanner] | type[StraightPlanner]] = {
+    RandomPlanner.name: RandomPlanner,
+    StraightPlanner.name: StraightPlanner,
+}
+
+
+@dataclass(frozen=True)
+class PlannerSource:
+    """Everything that a planner is built from; picklable, so that workers build the same one.
+
+    ``config`` and ``weights`` are those that were trained together, None for the floors. A run
+    that goes on training meanwhile changes neither.
+    """
+
+    name: str
+    config: RunConfig | None = None
+    weights: bytes | None = None
+
+    def build(self, config: RunConfig, greedy: bool = False) -> Planner:
+        """The planner for episodes under ``config``.
+
+        ``greedy`` takes the likeliest action instead of sampling; the floors ignore it. Raises
+        UserError when the weights do not fit the networks of ``config``.
+        """
+        if self.weights is None:
+            return FLOORS[self.name](config)
+        from lndrl.planners.policy import PolicyPlanner
+
+        return PolicyPlanner.load(self.name, config, self.weights, greedy)
+
+
+def planner_source(spec: str) -> PlannerSource:
+    """Find ``random``, ``straight``, a run folder, or a weights file.
+
+    Raises UserError when ``spec`` is none of them, or its weights cannot be read.
+    """
+    if spec in FLOORS:
+        return PlannerSource(spec)
+    path = Path(spec)
+    if not path.exists():
+        raise UserError(
+            f"{spec}: no such run folder or weights file; give one, or {' or '.join(FLOORS)}"
+        )
+    from lndrl.policy import load_policy  # torch: takes seconds, and the floors need none of it
+
+    config, weights = load_policy(path)
+    return PlannerSource(spec, config, weights)
+
+
+def make_planner(spec: str, config: RunConfig | None = None, greedy: bool = False) -> Planner:
+    """Planner for ``spec`` under ``config``, by default the one its weights were trained with.
+
+    Raises UserError as ``planner_source`` does, and for a floor without ``config``.
+    """
+    source = planner_source(spec)
+    chosen = config or source.config
+    if chosen is None:
+        raise UserError(f"planner {spec!r} has no configuration of its own; give one")
+    return source.build(chosen, greedy)

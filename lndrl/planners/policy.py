@@ -1,0 +1,50 @@
+"""The learned policy as a planner: sampled or greedy actions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.config import RunConfig
+from lndrl.navigation import Observation, action_table
+from lndrl.planners.interface import episode_generator
+from lndrl.policy import PolicyRunner
+
+
+class PolicyPlanner:
+    """Takes the actions of a policy network.
+
+    Samples them as in training, or takes the likeliest when ``greedy``. Every episode samples
+    from its own generator (not from one per batch as actors do), so that the noise of an episode
+    does not depend on which others are still running.
+    """
+
+    def __init__(self, runner: PolicyRunner, name: str = "policy", greedy: bool = False) -> None:
+        self.name = name
+        self.greedy = greedy
+        self._runner = runner
+        self._actions = action_table(runner.config.task)
+        self._generators: list[np.random.Generator] = []
+
+    @classmethod
+    def load(
+        cls, name: str, config: RunConfig, weights: bytes, greedy: bool = False
+    ) -> PolicyPlanner:
+        """Planner from a weights blob; raises UserError when it does not fit ``config``."""
+        runner = PolicyRunner(config)
+        runner.load(weights)
+        return cls(runner, name, greedy)
+
+    def reset(self, seed: int, worlds: Sequence[int]) -> None:
+        """See ``Planner.reset``."""
+        self._generators = [episode_generator(seed, world) for world in worlds]
+
+    def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """See ``Planner.act``."""
+        scores: NDArray[np.floating] = self._runner.log_probabilities(observation)
+        if not self.greedy:
+            # Gumbel trick: the largest of log p + noise is a draw from p.
+            scores = scores + [self._generators[row].gumbel(size=scores.shape[1]) for row in rows]
+        return self._actions[scores.argmax(axis=1)]

@@ -1,0 +1,35 @@
+"""The paper's networks, their sparse evaluation, weights in and out, and acting."""
+
+from lndrl.policy.inference import PolicyRunner
+from lndrl.policy.networks import (
+    Inputs,
+    NavigationNetwork,
+    build_policy,
+    build_value,
+    prepare,
+    supports_sparse,
+)
+from lndrl.policy.weights import (
+    POLICY_FILE,
+    initial_weights,
+    load_into,
+    load_policy,
+    policy_metadata,
+    to_bytes,
+)
+
+__all__ = [
+    "POLICY_FILE",
+    "Inputs",
+    "NavigationNetwork",
+    "PolicyRunner",
+    "build_policy",
+    "build_value",
+    "initial_weights",
+    "load_into",
+    "load_policy",
+    "policy_metadata",
+    "prepare",
+    "supports_sparse",
+    "to_bytes",
+]

@@ -1,0 +1,110 @@
+"""Weights as bytes and files: safetensors with the run's configuration in its metadata."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+from torch import Tensor, nn
+
+from lndrl.config import RunConfig, parse_config
+from lndrl.errors import UserError
+from lndrl.policy.networks import build_policy
+
+POLICY_FILE = "policy.safetensors"
+
+
+def to_bytes(network: nn.Module, metadata: dict[str, str] | None = None) -> bytes:
+    """All parameters of ``network`` as one safetensors blob (float32, on the CPU)."""
+    tensors = {
+        name: tensor.detach().to("cpu", torch.float32).contiguous()
+        for name, tensor in network.state_dict().items()
+    }
+    return save_tensors(tensors, metadata)
+
+
+def load_into(network: nn.Module, blob: bytes, where: str = "weights") -> None:
+    """Copy the tensors of ``blob`` into ``network``.
+
+    Raises UserError when the blob is no safetensors file, holds other names or shapes, or a
+    value that is not finite.
+    """
+    try:
+        tensors = load_tensors(blob)
+    except (SafetensorError, ValueError) as error:
+        raise UserError(f"{where}: not a safetensors file ({error})") from None
+    expected = network.state_dict()
+    _check(tensors, expected, where)
+    with torch.no_grad():
+        for name, target in expected.items():
+            target.copy_(tensors[name])
+
+
+def _check(tensors: dict[str, Tensor], expected: dict[str, Tensor], where: str) -> None:
+    for name, target in expected.items():
+        if name not in tensors:
+            raise UserError(f"{where}: {name} is missing; these weights are of another network")
+        if tensors[name].shape != target.shape:
+            raise UserError(
+                f"{where}: {name} has shape {list(tensors[name].shape)} where this configuration "
+                f"has {list(target.shape)}; these weights are of another network"
+            )
+        if not torch.isfinite(tensors[name]).all():
+            raise UserError(f"{where}: {name} holds values that are not finite")
+    extra = sorted(set(tensors) - set(expected))
+    if extra:
+        raise UserError(f"{where}: unknown tensor {extra[0]}; these weights are of another network")
+
+
+def initial_weights(config: RunConfig) -> bytes:
+    """Freshly initialized policy weights, seeded by ``config.seed``."""
+    torch.manual_seed(config.seed)
+    return to_bytes(build_policy(config))
+
+
+def policy_metadata(config: RunConfig, version: int, steps: int) -> dict[str, str]:
+    """What a policy file says of itself, so that the file alone can be evaluated."""
+    return {
+        "lndrl.config": json.dumps(config.model_dump(mode="json")),
+        "lndrl.version": str(version),
+        "lndrl.steps": str(steps),
+    }
+
+
+def load_policy(path: Path | str) -> tuple[RunConfig, bytes]:
+    """Configuration and weights blob of a policy file, or of a run folder's newest checkpoint.
+
+    Raises UserError naming the path when nothing usable is there.
+    """
+    file = _policy_file(Path(path))
+    blob = _read(file)
+    try:
+        with safe_open(str(file), framework="pt") as opened:
+            metadata = opened.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise UserError(f"{file}: not a safetensors file ({error})") from None
+    if "lndrl.config" not in metadata:
+        raise UserError(f"{file}: has no configuration inside; give a policy file saved by lndrl")
+    return parse_config(json.loads(metadata["lndrl.config"]), f"{file} (configuration)"), blob
+
+
+def _read(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise UserError(f"{file}: cannot be read ({error.strerror})") from None
+
+
+def _policy_file(path: Path) -> Path:
+    if path.is_file():
+        return path
+    if not path.exists():
+        raise UserError(f"{path}: no such run folder or weights file")
+    for folder in (path, *sorted((path / "checkpoints").glob("step-*"), reverse=True)):
+        if (folder / POLICY_FILE).is_file():
+            return folder / POLICY_FILE
+    raise UserError(f"{path}: holds no checkpoint yet ({POLICY_FILE} expected)")

@@ -1,0 +1,105 @@
+"""Random numbers for compiled kernels: one xoshiro256++ state per stream, bit-equal everywhere.
+
+Every draw of a world comes from a stream derived from (run seed, world id, episode, purpose), so
+one seed replays one world bit for bit, whatever else runs. Kernels take the state as a
+``uint64[4]`` array and advance it in place.
+
+Sources: Blackman & Vigna, "Scrambled linear pseudorandom number generators" (xoshiro256++);
+Marsaglia & Tsang, "The ziggurat method for generating random variables" (256 layers).
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+State = NDArray[np.uint64]
+
+
+class Stream(IntEnum):
+    """What a stream of draws is for; streams never share numbers."""
+
+    LAYOUT = 0  # starts, goals, routes, models: once per episode
+    PEDESTRIANS = 1
+    LASER = 2
+    ODOMETRY = 3
+    LOCALIZATION = 4
+    POLICY = 5
+
+
+def stream_state(seed: int, *path: int) -> State:
+    """State of the stream at ``path`` below ``seed``, e.g. ``(world_id, episode, Stream.LASER)``.
+
+    Returns ``uint64[4]``, never all zero (SeedSequence mixes every word).
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=tuple(int(p) for p in path))
+    return np.asarray(sequence.generate_state(4, np.uint64), dtype=np.uint64)
+
+
+_LAYERS = 256
+_TAIL = 3.6541528853610088  # start of the tail for 256 layers
+_LAYER_AREA = 0.00492867323399
+
+
+def _ziggurat_tables() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Layer edges x[0..256] (x[0] is the base strip's pseudo-edge) and densities f(x)."""
+    x = np.zeros(_LAYERS + 1)
+    density_tail = np.exp(-0.5 * _TAIL * _TAIL)
+    x[0] = _LAYER_AREA / density_tail
+    x[1] = _TAIL
+    for i in range(2, _LAYERS):
+        x[i] = np.sqrt(-2.0 * np.log(_LAYER_AREA / x[i - 1] + np.exp(-0.5 * x[i - 1] ** 2)))
+    x[_LAYERS] = 0.0
+    return x, np.exp(-0.5 * x * x)
+
+
+_EDGES, _DENSITIES = _ziggurat_tables()
+
+
+@njit(inline="always")
+def _rotate_left(value, bits):
+    return (value << np.uint64(bits)) | (value >> np.uint64(64 - bits))
+
+
+@njit(cache=True, nogil=True)
+def next_uint64(state):
+    """Next 64 random bits; ``state`` is ``uint64[4]`` and advances in place."""
+    result = _rotate_left(state[0] + state[3], 23) + state[0]
+    shifted = state[1] << np.uint64(17)
+    state[2] ^= state[0]
+    state[3] ^= state[1]
+    state[1] ^= state[2]
+    state[0] ^= state[3]
+    state[2] ^= shifted
+    state[3] = _rotate_left(state[3], 45)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def uniform(state):
+    """Uniform float64 in [0, 1) with 53 bits."""
+    return np.float64(next_uint64(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@njit(cache=True, nogil=True)
+def normal(state):
+    """Standard normal float64 by the ziggurat method."""
+    while True:
+        bits = next_uint64(state)
+        layer = np.int64(bits & np.uint64(0xFF))
+        # Top 53 bits as a signed uniform in [-1, 1); the low 8 bits chose the layer.
+        signed = np.float64(bits >> np.uint64(11)) * (2.0 / 9007199254740992.0) - 1.0
+        x = signed * _EDGES[layer]
+        if abs(x) < _EDGES[layer + 1]:
+            return x
+        if layer == 0:
+            while True:
+                tail = -np.log(1.0 - uniform(state)) / _TAIL
+                if -2.0 * np.log(1.0 - uniform(state)) >= tail * tail:
+                    return _TAIL + tail if signed > 0.0 else -(_TAIL + tail)
+        height = _DENSITIES[layer] + uniform(state) * (_DENSITIES[layer + 1] - _DENSITIES[layer])
+        if height < np.exp(-0.5 * x * x):
+            return x

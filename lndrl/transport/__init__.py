@@ -1,0 +1,87 @@
+"""Everything between processes: typed messages, uploads with acks, weights, status.
+
+Zenoh is imported when an endpoint is opened, so the in-memory transport needs no network.
+"""
+
+from __future__ import annotations
+
+from lndrl.config import TransportConfig
+from lndrl.transport.interface import (
+    ActorEndpoint,
+    LearnerEndpoint,
+    LearnerHandlers,
+    LearnerUnreachableError,
+    ViewerEndpoint,
+    WeightsGoneError,
+)
+from lndrl.transport.memory import MemoryNetwork
+from lndrl.transport.messages import (
+    NO_WEIGHTS,
+    PROTOCOL_VERSION,
+    UNKNOWN_ACTOR,
+    Ack,
+    ChunkHeader,
+    Hello,
+    Limits,
+    MessageError,
+    Refusal,
+    WeightsAnnouncement,
+    Welcome,
+    pack,
+    unpack,
+)
+
+__all__ = [
+    "NO_WEIGHTS",
+    "PROTOCOL_VERSION",
+    "UNKNOWN_ACTOR",
+    "Ack",
+    "ActorEndpoint",
+    "ChunkHeader",
+    "Hello",
+    "LearnerEndpoint",
+    "LearnerHandlers",
+    "LearnerUnreachableError",
+    "Limits",
+    "MemoryNetwork",
+    "MessageError",
+    "Refusal",
+    "ViewerEndpoint",
+    "WeightsAnnouncement",
+    "WeightsGoneError",
+    "Welcome",
+    "free_endpoint",
+    "open_actor",
+    "open_learner",
+    "open_viewer",
+    "pack",
+    "unpack",
+]
+
+
+def open_learner(config: TransportConfig, run_id: str = "") -> LearnerEndpoint:
+    """Listen at ``config.endpoint``; raises UserError when the port is taken or the address bad."""
+    from lndrl.transport.zenoh_learner import ZenohLearner
+
+    return ZenohLearner(config, run_id)
+
+
+def open_actor(endpoint: str, config: TransportConfig | None = None) -> ActorEndpoint:
+    """An actor of the learner at ``endpoint``; raises UserError for a bad address."""
+    from lndrl.transport.zenoh_actor import ZenohActor
+
+    return ZenohActor(endpoint, config)
+
+
+def open_viewer(endpoint: str, config: TransportConfig | None = None) -> ViewerEndpoint:
+    """A dashboard of the learner at ``endpoint``; raises UserError for a bad address."""
+    from lndrl.transport.zenoh_viewer import ZenohViewer
+
+    return ZenohViewer(endpoint, config)
+
+
+def free_endpoint(host: str = "127.0.0.1") -> str:
+    """An endpoint on a port that is free at this moment."""
+    from lndrl.transport.zenoh_session import free_endpoint as find
+
+    return find(host)

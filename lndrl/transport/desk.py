@@ -1,0 +1,169 @@
+"""What a learner answers, whatever carries question and answer. Thread-safe."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import logging
+import math
+import secrets
+import threading
+from typing import Any
+
+import numpy as np
+
+from lndrl.transport.interface import LearnerHandlers
+from lndrl.transport.messages import (
+    NO_WEIGHTS,
+    PROTOCOL_VERSION,
+    Ack,
+    ChunkHeader,
+    Hello,
+    Limits,
+    MessageError,
+    Refusal,
+    WeightsAnnouncement,
+    Welcome,
+    decode,
+    digest,
+    encode,
+)
+
+KEPT_VERSIONS = 2
+logger = logging.getLogger(__name__)
+
+
+class LearnerDesk:
+    """Decodes questions, asks the handlers, stamps and encodes answers; keeps weights, status."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.incarnation = secrets.token_hex(8)
+        self.limits = limits
+        self.handlers: LearnerHandlers | None = None
+        self._lock = threading.Lock()
+        self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
+        self._newest = WeightsAnnouncement(NO_WEIGHTS, 0, "", self.incarnation)
+        self._status: tuple[dict[str, Any], list[dict[str, Any]]] | None = None
+
+    def answer_hello(self, data: bytes) -> bytes:
+        """Welcome or refusal to an encoded Hello; a wrong protocol is refused here."""
+        try:
+            hello, _ = decode(data, Hello, limits=self.limits)
+        except MessageError as error:
+            return encode(
+                Refusal(
+                    f"the learner (protocol {PROTOCOL_VERSION}) does not understand this actor's"
+                    f" hello ({error}); install the same lndrl version on both sides"
+                )
+            )
+        if hello.protocol != PROTOCOL_VERSION:
+            return encode(
+                Refusal(
+                    f"the learner speaks protocol {PROTOCOL_VERSION}, this actor"
+                    f" {hello.protocol}; install the same lndrl version on both sides"
+                )
+            )
+        answer = self._handlers().on_hello(hello)
+        if isinstance(answer, Welcome):
+            answer = dataclasses.replace(
+                answer,
+                weights_version=self.announcement().version,
+                learner_incarnation=self.incarnation,
+            )
+        return encode(answer)
+
+    def answer_chunk(self, data: bytes) -> bytes:
+        """Ack to an encoded chunk; malformed ones are refused here, handlers may block."""
+        try:
+            header, arrays = decode(data, ChunkHeader, limits=self.limits)
+        except MessageError as error:
+            logger.warning("refused a malformed upload: %s", error)
+            return self._stamped(Ack("refused", reason=f"malformed: {error}"[:500]))
+        try:
+            ack = self._handlers().on_chunk(header, arrays, len(data))
+        except Exception:
+            logger.exception("upload %d of %s failed", header.sequence, header.actor_id)
+            ack = Ack("refused", reason="learner_error")
+        return self._stamped(ack)
+
+    def put_weights(self, version: int, blob: bytes) -> WeightsAnnouncement:
+        """Keep weights as the newest. Raises ValueError for a version older than the newest."""
+        if not blob:
+            raise ValueError("weights must not be empty")
+        with self._lock:
+            if version < self._newest.version:
+                raise ValueError(f"version {version} is older than {self._newest.version}")
+            self._newest = WeightsAnnouncement(
+                version, len(blob), digest(blob), self.incarnation, self._newest.done
+            )
+            self._weights[version] = (self._newest, blob)
+            for old in sorted(self._weights)[:-KEPT_VERSIONS]:
+                del self._weights[old]
+            return self._newest
+
+    def weights(self, version: int | None) -> tuple[WeightsAnnouncement, bytes] | None:
+        """The weights of a version (None: the newest), or None if they are not here."""
+        with self._lock:
+            return self._weights.get(self._newest.version if version is None else version)
+
+    def announcement(self) -> WeightsAnnouncement:
+        """What the newest weights are."""
+        with self._lock:
+            return self._newest
+
+    def finish(self) -> WeightsAnnouncement:
+        """Say ``done`` from now on."""
+        with self._lock:
+            self._newest = dataclasses.replace(self._newest, done=True)
+            return self._newest
+
+    def put_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
+        """Keep the newest status; the list is copied, its rows must not change any more."""
+        with self._lock:
+            self._status = (snapshot, list(history))
+
+    def status(self) -> bytes | None:
+        """Snapshot and history as JSON, None before the first."""
+        with self._lock:
+            status = self._status
+        return None if status is None else to_json({"snapshot": status[0], "history": status[1]})
+
+    def _handlers(self) -> LearnerHandlers:
+        if self.handlers is None:
+            raise RuntimeError("the learner has not started to answer")
+        return self.handlers
+
+    def _stamped(self, ack: Ack) -> bytes:
+        newest = self.announcement()
+        return encode(
+            dataclasses.replace(
+                ack,
+                weights_version=newest.version,
+                learner_incarnation=self.incarnation,
+                done=ack.done or newest.done,
+            )
+        )
+
+
+def to_json(value: Any) -> bytes:
+    """JSON that every parser reads: NaN and infinity become null, numpy scalars plain numbers."""
+    try:
+        return json.dumps(value, allow_nan=False, default=_scalar).encode()
+    except ValueError:
+        return json.dumps(_finite(value), allow_nan=False, default=_scalar).encode()
+
+
+def _scalar(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return _finite(value.item())
+    raise TypeError(f"a status cannot hold a {type(value).__name__}")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

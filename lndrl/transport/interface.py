@@ -1,0 +1,157 @@
+"""What learner, actor and dashboard see of the transport, whatever carries it.
+
+Two implementations: Zenoh between processes, memory within one (``--serial``, tests).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from lndrl.errors import UserError
+from lndrl.transport.messages import Ack, ChunkHeader, Hello, Refusal, Welcome
+
+
+class WeightsGoneError(LookupError):
+    """The learner no longer keeps the wanted version (it keeps the last two)."""
+
+
+class LearnerUnreachableError(UserError):
+    """No learner answered a hello in time; one may still come."""
+
+
+class LearnerHandlers(Protocol):
+    """The learner's answers. Called on the transport's threads, one at a time per method."""
+
+    def on_hello(self, hello: Hello) -> Welcome | Refusal:
+        """Welcome or refuse an actor; asked again for the same incarnation after lost replies."""
+        ...
+
+    def on_chunk(self, header: ChunkHeader, arrays: dict[str, NDArray[Any]], size: int) -> Ack:
+        """Take an upload of ``size`` bytes; may block, then the actors wait.
+
+        ``arrays`` are read-only views that keep the message alive. A chunk can arrive twice, and
+        within the window out of order: remember a few sequences per (actor_id, incarnation).
+        """
+        ...
+
+    def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
+        """An actor's session appeared or vanished; a hint, the last chunk is the truth."""
+        ...
+
+
+class LearnerEndpoint(Protocol):
+    """The learner's side."""
+
+    incarnation: str
+
+    def start(self, handlers: LearnerHandlers) -> None:
+        """Begin to answer."""
+        ...
+
+    def publish_weights(self, version: int, blob: bytes) -> None:
+        """Offer weights; announces them, keeps the last two versions. Never waits for actors."""
+        ...
+
+    def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
+        """Send ``snapshot`` to viewers; queries get ``{"snapshot", "history"}``."""
+        ...
+
+    def finish(self) -> None:
+        """From now on acks and announcements say ``done``."""
+        ...
+
+    def close(self) -> None:
+        """Stop answering; returns within seconds, can be called twice."""
+        ...
+
+
+class ActorEndpoint(Protocol):
+    """An actor's side. ``hello`` comes first; all methods are for one thread."""
+
+    def hello(self, hello: Hello, timeout: float = 10.0) -> Welcome:
+        """Introduce the actor; again when ``needs_hello`` says so, kept chunks follow.
+
+        Raises UserError when refused, its subclass LearnerUnreachableError when no learner
+        answers within ``timeout`` seconds.
+        """
+        ...
+
+    def upload(
+        self,
+        header: ChunkHeader,
+        arrays: Mapping[str, NDArray[Any]],
+        timeout: float | None = None,
+    ) -> None:
+        """Send a chunk; blocks while the window is full, but not while ``needs_hello``.
+
+        The chunk is kept and sent again, under the same sequence, until a learner settles it.
+        Raises MessageError for what cannot be sent, RuntimeError when closed or without hello,
+        and TimeoutError when there was no room within ``timeout`` seconds: then the chunk was
+        not taken, call again.
+        """
+        ...
+
+    def acks(self) -> list[Ack]:
+        """Acks that settled chunks since the last call, oldest first."""
+        ...
+
+    def pending(self) -> int:
+        """Chunks not yet settled."""
+        ...
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until every chunk is settled; False when time ran out or a hello is needed."""
+        ...
+
+    def needs_hello(self) -> bool:
+        """True when another learner (a restarted one) answered: call ``hello`` again."""
+        ...
+
+    def done(self) -> bool:
+        """True once the learner said that training has finished."""
+        ...
+
+    def silence(self) -> float:
+        """Seconds since the learner was last heard; it speaks every second once it has weights."""
+        ...
+
+    def newest(self) -> tuple[int, str]:
+        """Newest known (weights version, learner incarnation); version NO_WEIGHTS if none."""
+        ...
+
+    def wait_newer(self, version: int, timeout: float) -> bool:
+        """Wait until ``newest`` is not ``version``, or ``done``, or ``needs_hello``; else False."""
+        ...
+
+    def fetch(self, version: int | None = None, timeout: float = 10.0) -> tuple[int, bytes]:
+        """Weights as (version, blob), the newest by default.
+
+        Raises WeightsGoneError when the version is gone, TimeoutError when none came in time.
+        """
+        ...
+
+    def close(self) -> None:
+        """Leave; drops unsettled chunks (``flush`` first). Can be called twice."""
+        ...
+
+
+class ViewerEndpoint(Protocol):
+    """A dashboard's side: only reads."""
+
+    def status(self, timeout: float = 5.0) -> dict[str, Any]:
+        """``{"snapshot": ..., "history": [...]}``; raises UserError when none came in time."""
+        ...
+
+    def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:
+        """Snapshots as they are published, until ``close``.
+
+        With ``silence``, yields None after every so many seconds without a snapshot.
+        """
+        ...
+
+    def close(self) -> None:
+        """Leave. Can be called twice."""
+        ...

@@ -1,0 +1,218 @@
+"""An actor's book of uploads: what waits, what is on its way, what the learner said.
+
+Both transports use it, so the rules of sending again stand once. Thread-safe.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+
+from lndrl.transport.messages import NO_WEIGHTS, UNKNOWN_ACTOR, Ack, Welcome
+
+PAUSE = 0.25
+MAX_ACKS = 1000
+
+
+@dataclass(eq=False)
+class Entry:
+    """One encoded chunk until it is settled. ``due``: monotonic s before which it rests."""
+
+    actor_id: str
+    incarnation: str
+    sequence: int
+    payload: bytes
+    due: float = 0.0
+    in_flight: bool = False
+    epoch: int = 0
+
+
+class Ledger:
+    """Uploads in order of sequence, at most ``window`` unsettled, plus all that acks tell."""
+
+    def __init__(self, window: int) -> None:
+        self.window = window
+        self._closed = False
+        self._changed = threading.Condition()
+        self._entries: list[Entry] = []
+        self._acks: deque[Ack] = deque(maxlen=MAX_ACKS)
+        self._newest = NO_WEIGHTS
+        self._incarnation = ""
+        self._welcomed_by = ""
+        self._retired: set[str] = set()
+        self._epoch = 0
+        self._held = False
+        self._needs_hello = False
+        self._done = False
+        self._heard_at = time.monotonic()
+
+    # -- the actor's thread
+
+    def check_ready(self) -> None:
+        """Raise RuntimeError unless an upload makes sense now."""
+        with self._changed:
+            if self._closed:
+                raise RuntimeError("the endpoint is closed")
+            if not self._epoch:
+                raise RuntimeError("say hello before the first upload")
+            if self._needs_hello and len(self._entries) > self.window:
+                raise RuntimeError("another learner answered: say hello again before uploading")
+
+    def closed(self) -> bool:
+        """Whether the endpoint was closed."""
+        return self._closed
+
+    def has_room(self) -> bool:
+        """Whether an upload may be added now; see ``ActorEndpoint.upload``."""
+        with self._changed:
+            return self._room()
+
+    def wait_room(self, timeout: float | None) -> None:
+        """Block until ``has_room``, or until closed; raises TimeoutError."""
+        deadline = None if timeout is None else time.monotonic() + timeout
+        with self._changed:
+            while not self._room():
+                if deadline is not None and time.monotonic() >= deadline:
+                    raise TimeoutError(f"no upload was settled within {timeout:g} s")
+                # A bounded wait keeps Ctrl-C prompt on every platform.
+                self._changed.wait(0.2 if timeout is None else min(0.2, timeout))
+
+    def add(self, entry: Entry) -> None:
+        """Enter a chunk, last in the queue."""
+        with self._changed:
+            self._entries.append(entry)
+            self._changed.notify_all()
+
+    def wait_settled(self, timeout: float) -> bool:
+        """Wait until nothing is pending; False when time ran out, or chunks wait for a hello."""
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while self._entries:
+                left = deadline - time.monotonic()
+                if left <= 0 or self._closed or self._held:
+                    return False
+                self._changed.wait(min(left, 0.2))
+            return True
+
+    def wait_newer(self, version: int, timeout: float) -> bool:
+        """See ``ActorEndpoint.wait_newer``."""
+        deadline = time.monotonic() + timeout
+        with self._changed:
+            while not (self._newest != version or self._done or self._needs_hello or self._closed):
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    return False
+                self._changed.wait(min(left, 0.2))
+            return True
+
+    def drain_acks(self) -> list[Ack]:
+        """Acks since the last call."""
+        with self._changed:
+            acks = list(self._acks)
+            self._acks.clear()
+            return acks
+
+    def pending(self) -> int:
+        """Chunks not yet settled."""
+        with self._changed:
+            return len(self._entries)
+
+    def silence(self) -> float:
+        """Seconds since the learner was last heard."""
+        with self._changed:
+            return time.monotonic() - self._heard_at
+
+    def newest(self) -> tuple[int, str]:
+        """Newest known version and the learner that has it."""
+        with self._changed:
+            return self._newest, self._incarnation
+
+    def needs_hello(self) -> bool:
+        """Whether another learner than the welcoming one answered."""
+        with self._changed:
+            return self._needs_hello
+
+    def done(self) -> bool:
+        """Whether training has finished."""
+        with self._changed:
+            return self._done
+
+    # -- the sending side
+
+    def take(self, block: bool = True) -> Entry | None:
+        """The oldest chunk that waits, now marked as on its way; None when closed.
+
+        Without ``block`` also None when there is nothing to send at this moment.
+        """
+        with self._changed:
+            while not self._closed:
+                entry = next((e for e in self._entries if not e.in_flight), None)
+                rest = None
+                if entry is not None and not self._held:
+                    rest = entry.due - time.monotonic()
+                    if rest <= 0:
+                        entry.in_flight, entry.epoch = True, self._epoch
+                        return entry
+                if not block:
+                    return None
+                self._changed.wait(rest)
+            return None
+
+    def postpone(self, entry: Entry, delay: float) -> None:
+        """No answer came: send the same sequence again after ``delay`` seconds."""
+        with self._changed:
+            entry.in_flight, entry.due = False, time.monotonic() + delay
+            self._changed.notify_all()
+
+    def settle(self, entry: Entry, ack: Ack) -> None:
+        """Book the learner's answer to a chunk."""
+        self.heard(ack.weights_version, ack.learner_incarnation, ack.done)
+        if ack.status == "pause":
+            self.postpone(entry, PAUSE)
+        elif ack.status == "refused" and ack.reason == UNKNOWN_ACTOR:
+            with self._changed:
+                # A refusal of what was sent before the latest hello says nothing any more.
+                if entry.epoch == self._epoch:
+                    self._held = self._needs_hello = True
+            self.postpone(entry, 0.0)
+        else:
+            with self._changed:
+                # Two sends of one chunk can both be answered; the first answer counts.
+                if entry in self._entries:
+                    self._entries.remove(entry)
+                    self._acks.append(ack)
+                self._changed.notify_all()
+
+    def heard(self, version: int, incarnation: str, done: bool = False) -> None:
+        """Book a learner's newest version, from an ack or an announcement."""
+        with self._changed:
+            if incarnation in self._retired:
+                return
+            self._heard_at = time.monotonic()
+            if incarnation != self._incarnation:
+                self._retired.add(self._incarnation)
+                self._incarnation, self._newest, self._done = incarnation, version, done
+                self._needs_hello = self._epoch > 0 and incarnation != self._welcomed_by
+            self._newest = max(self._newest, version)
+            self._done = self._done or done
+            self._changed.notify_all()
+
+    def welcomed(self, welcome: Welcome) -> None:
+        """A hello succeeded: chunks that were held go out again."""
+        with self._changed:
+            self._retired.discard(welcome.learner_incarnation)
+            self._epoch += 1
+            self._welcomed_by = welcome.learner_incarnation
+            self._held = self._needs_hello = False
+        self.heard(welcome.weights_version, welcome.learner_incarnation)
+
+    def close(self) -> None:
+        """Wake everybody up for good."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _room(self) -> bool:
+        return self._closed or self._needs_hello or len(self._entries) < self.window

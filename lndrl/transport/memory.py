@@ -1,0 +1,284 @@
+"""The transport within one process: same interface and rules, no threads of its own.
+
+An upload calls the learner's handler on the actor's thread, through the same bytes as on the
+wire. So actors and learner run in one thread for ``--serial`` and under a debugger.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from lndrl.config import TransportConfig
+from lndrl.errors import UserError
+from lndrl.transport.desk import LearnerDesk, to_json
+from lndrl.transport.interface import (
+    LearnerHandlers,
+    LearnerUnreachableError,
+    WeightsGoneError,
+)
+from lndrl.transport.ledger import Entry, Ledger
+from lndrl.transport.messages import (
+    Ack,
+    ChunkHeader,
+    Hello,
+    Limits,
+    Refusal,
+    WeightsAnnouncement,
+    Welcome,
+    decode,
+    encode,
+)
+
+POLL = 0.01
+
+
+class MemoryNetwork:
+    """Where endpoints of one process find each other; one learner at a time."""
+
+    def __init__(self, config: TransportConfig | None = None) -> None:
+        self.config = config or TransportConfig()
+        self.limits = Limits(max_bytes=self.config.max_message_megabytes * 2**20)
+        self.desk: LearnerDesk | None = None
+        self.actors: list[MemoryActor] = []
+        self.viewers: list[queue.Queue[bytes]] = []
+        self.chunk_lock = threading.Lock()
+        self.hello_lock = threading.Lock()
+
+    def learner(self, run_id: str = "") -> MemoryLearner:
+        """A learner; the endpoint answers from ``start`` until ``close``."""
+        return MemoryLearner(self, run_id)
+
+    def actor(self) -> MemoryActor:
+        """An actor."""
+        return MemoryActor(self)
+
+    def viewer(self) -> MemoryViewer:
+        """A dashboard."""
+        return MemoryViewer(self)
+
+
+class MemoryLearner:
+    """The learner's side; see ``LearnerEndpoint``."""
+
+    def __init__(self, network: MemoryNetwork, run_id: str) -> None:
+        self.run_id = run_id
+        self._network = network
+        self._desk = LearnerDesk(network.limits)
+        self.incarnation = self._desk.incarnation
+
+    def start(self, handlers: LearnerHandlers) -> None:
+        """Begin to answer; actors that are already there are reported as members."""
+        if self._network.desk is not None:
+            raise UserError("this process already has a learner; close it first")
+        self._desk.handlers = handlers
+        self._network.desk = self._desk
+        for actor in list(self._network.actors):
+            actor.report(alive=True)
+
+    def publish_weights(self, version: int, blob: bytes) -> None:
+        """Offer weights."""
+        self._announce(self._desk.put_weights(version, blob))
+
+    def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
+        """Offer the status."""
+        self._desk.put_status(snapshot, history)
+        if self._network.desk is self._desk:
+            for mailbox in list(self._network.viewers):
+                mailbox.put(to_json(snapshot))
+
+    def finish(self) -> None:
+        """Say ``done`` from now on."""
+        self._announce(self._desk.finish())
+
+    def close(self) -> None:
+        """Stop answering."""
+        if self._network.desk is self._desk:
+            self._network.desk = None
+
+    def _announce(self, news: WeightsAnnouncement) -> None:
+        if self._network.desk is self._desk:
+            for actor in list(self._network.actors):
+                actor.ledger.heard(news.version, news.learner_incarnation, news.done)
+
+
+class MemoryActor:
+    """An actor's side; see ``ActorEndpoint``."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self.ledger = Ledger(network.config.upload_window)
+        self._network = network
+        self._hello: Hello | None = None
+
+    def hello(self, hello: Hello, timeout: float = 10.0) -> Welcome:
+        """Introduce the actor."""
+        desk = self._wait(lambda: self._network.desk, timeout)
+        if desk is None:
+            raise LearnerUnreachableError(f"no learner runs in this process (waited {timeout:g} s)")
+        with self._network.hello_lock:
+            answer, _ = decode(desk.answer_hello(encode(hello)), Welcome, Refusal)
+        if isinstance(answer, Refusal):
+            raise UserError(f"the learner refused this actor: {answer.reason}")
+        assert isinstance(answer, Welcome)
+        self._hello = hello
+        self.ledger.welcomed(answer)
+        if self not in self._network.actors:
+            self._network.actors.append(self)
+        self.report(alive=True)
+        self._send()
+        return answer
+
+    def upload(
+        self,
+        header: ChunkHeader,
+        arrays: Mapping[str, NDArray[Any]],
+        timeout: float | None = None,
+    ) -> None:
+        """Hand a chunk to the learner's handler, on this thread."""
+        self.ledger.check_ready()
+        payload = encode(header, arrays)
+        deadline = None if timeout is None else time.monotonic() + timeout
+        while not self.ledger.has_room():
+            if deadline is not None and time.monotonic() >= deadline:
+                raise TimeoutError(f"no upload was settled within {timeout:g} s")
+            self._send()
+            if not self.ledger.has_room():
+                time.sleep(POLL)
+        self.ledger.add(Entry(header.actor_id, header.incarnation, header.sequence, payload))
+        self._send()
+
+    def acks(self) -> list[Ack]:
+        """Acks that settled chunks since the last call."""
+        return self.ledger.drain_acks()
+
+    def pending(self) -> int:
+        """Chunks not yet settled."""
+        return self.ledger.pending()
+
+    def flush(self, timeout: float) -> bool:
+        """Send what waits."""
+        deadline = time.monotonic() + timeout
+        while True:
+            self._send()
+            if self.ledger.wait_settled(0.0):
+                return True
+            if time.monotonic() >= deadline or self.ledger.closed() or self.ledger.needs_hello():
+                return False
+            time.sleep(POLL)
+
+    def needs_hello(self) -> bool:
+        """Whether another learner answered."""
+        return self.ledger.needs_hello()
+
+    def done(self) -> bool:
+        """Whether training has finished."""
+        return self.ledger.done()
+
+    def silence(self) -> float:
+        """Seconds since the learner was last heard."""
+        return self.ledger.silence()
+
+    def newest(self) -> tuple[int, str]:
+        """Newest known weights version and learner."""
+        return self.ledger.newest()
+
+    def wait_newer(self, version: int, timeout: float) -> bool:
+        """Wait for news of another thread; with one thread use timeout 0."""
+        return self.ledger.wait_newer(version, timeout)
+
+    def fetch(self, version: int | None = None, timeout: float = 10.0) -> tuple[int, bytes]:
+        """Weights as (version, blob)."""
+        found = self._wait(lambda: self._look(version), timeout)
+        if found is None:
+            raise TimeoutError(f"no weights came within {timeout:g} s")
+        return found[0].version, found[1]
+
+    def close(self) -> None:
+        """Leave."""
+        if not self.ledger.closed():
+            self.ledger.close()
+            if self in self._network.actors:
+                self._network.actors.remove(self)
+                self.report(alive=False)
+
+    def report(self, alive: bool) -> None:
+        """Tell the learner's handlers that this actor came or went."""
+        desk = self._network.desk
+        if desk is not None and desk.handlers is not None and self._hello is not None:
+            desk.handlers.on_member(self._hello.actor_id, self._hello.incarnation, alive)
+
+    def _look(self, version: int | None) -> tuple[WeightsAnnouncement, bytes] | None:
+        desk = self._network.desk
+        if desk is None:
+            return None
+        found = desk.weights(version)
+        if found is None and version is not None and version < desk.announcement().version:
+            raise WeightsGoneError(f"version {version} is no longer kept")
+        return found
+
+    def _send(self) -> None:
+        while (entry := self.ledger.take(block=False)) is not None:
+            desk = self._network.desk
+            if desk is None:
+                self.ledger.postpone(entry, POLL)
+                return
+            with self._network.chunk_lock:
+                ack, _ = decode(desk.answer_chunk(entry.payload), Ack)
+            self.ledger.settle(entry, ack)
+
+    def _wait(self, look: Callable[[], Any], timeout: float) -> Any:
+        deadline = time.monotonic() + timeout
+        while (
+            (found := look()) is None and time.monotonic() < deadline and not self.ledger.closed()
+        ):
+            time.sleep(POLL)
+        return found
+
+
+class MemoryViewer:
+    """A dashboard's side; see ``ViewerEndpoint``."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self._network = network
+        self._closed = threading.Event()
+
+    def status(self, timeout: float = 5.0) -> dict[str, Any]:
+        """Snapshot and history."""
+        deadline = time.monotonic() + timeout
+        while True:
+            desk = self._network.desk
+            data = desk.status() if desk is not None else None
+            if data is not None:
+                return json.loads(data)
+            if time.monotonic() >= deadline or self._closed.is_set():
+                raise UserError(f"no learner in this process gave a status within {timeout:g} s")
+            time.sleep(POLL)
+
+    def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:
+        """Snapshots as they are published."""
+        mailbox: queue.Queue[bytes] = queue.Queue()
+        self._network.viewers.append(mailbox)
+        quiet_since = time.monotonic()
+        try:
+            while not self._closed.is_set():
+                try:
+                    data = mailbox.get(timeout=0.1 if silence is None else min(0.1, silence))
+                except queue.Empty:
+                    if silence is not None and time.monotonic() - quiet_since >= silence:
+                        quiet_since = time.monotonic()
+                        yield None
+                    continue
+                quiet_since = time.monotonic()
+                yield json.loads(data)
+        finally:
+            self._network.viewers.remove(mailbox)
+
+    def close(self) -> None:
+        """Leave."""
+        self._closed.set()

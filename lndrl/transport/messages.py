@@ -1,0 +1,277 @@
+"""The messages between learner, actors and dashboards; both sides share these definitions.
+
+Every message is a frozen dataclass that checks itself when built, so an object of these types is
+valid wherever it came from. ``encode`` and ``decode`` turn them into bytes and back.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self, TypeVar
+
+from numpy.typing import NDArray
+
+from lndrl.transport.wire import (
+    DEFAULT_LIMITS,
+    Limits,
+    MessageError,
+    pack,
+    unpack,
+)
+
+__all__ = [
+    "ACK_STATUSES",
+    "DEFAULT_LIMITS",
+    "NO_WEIGHTS",
+    "PROTOCOL_VERSION",
+    "UNKNOWN_ACTOR",
+    "Ack",
+    "ChunkHeader",
+    "Hello",
+    "Limits",
+    "Message",
+    "MessageError",
+    "Refusal",
+    "WeightsAnnouncement",
+    "Welcome",
+    "decode",
+    "digest",
+    "encode",
+    "pack",
+    "unpack",
+]
+
+PROTOCOL_VERSION = 1
+NO_WEIGHTS = -1
+UNKNOWN_ACTOR = "unknown_actor"
+ACK_STATUSES = ("accepted", "duplicate", "stale", "refused", "pause")
+
+MAX_TEXT = 2000
+MAX_INTEGER = 2**53
+IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}\Z")
+
+
+def _text(name: str, value: Any, empty: bool = True) -> None:
+    if not isinstance(value, str) or len(value) > MAX_TEXT or not (empty or value):
+        raise MessageError(f"{name} must be a text of at most {MAX_TEXT} letters")
+
+
+def _identifier(name: str, value: Any) -> None:
+    if not isinstance(value, str) or not IDENTIFIER.match(value):
+        raise MessageError(f"{name} must be 1 to 64 letters, digits, '_', '.', '-'")
+
+
+def _integer(name: str, value: Any, least: int = 0) -> None:
+    if type(value) is not int or not least <= value < MAX_INTEGER:
+        raise MessageError(f"{name} must be a whole number of at least {least}")
+
+
+def _boolean(name: str, value: Any) -> None:
+    if type(value) is not bool:
+        raise MessageError(f"{name} must be true or false")
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message as a dataclass; ``KIND`` names it on the wire."""
+
+    KIND: ClassVar[str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as a plain dict (shallow)."""
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+
+    @classmethod
+    def from_dict(cls, data: Any) -> Self:
+        """A message from plain data; raises MessageError for missing, unknown or wrong fields."""
+        if not isinstance(data, dict):
+            raise MessageError(f"{cls.KIND} must be a map")
+        known = {f.name: f for f in dataclasses.fields(cls)}
+        for key in data:
+            if key not in known:
+                raise MessageError(f"{cls.KIND} has an unknown field {key!r}")
+        for name, entry in known.items():
+            required = entry.default is dataclasses.MISSING
+            if required and entry.default_factory is dataclasses.MISSING and name not in data:
+                raise MessageError(f"{cls.KIND} lacks the field {name}")
+        return cls(**data)
+
+
+@dataclass(frozen=True)
+class Hello(Message):
+    """An actor introduces itself. ``incarnation`` is random for every start of the process."""
+
+    KIND: ClassVar[str] = "hello"
+    actor_id: str
+    incarnation: str
+    host: str
+    pid: int
+    worlds: int
+    program_version: str
+    protocol: int = PROTOCOL_VERSION
+
+    def __post_init__(self) -> None:
+        _identifier("actor_id", self.actor_id)
+        _identifier("incarnation", self.incarnation)
+        _text("host", self.host)
+        _integer("pid", self.pid)
+        _integer("worlds", self.worlds, 1)
+        _text("program_version", self.program_version)
+        _integer("protocol", self.protocol)
+
+
+@dataclass(frozen=True)
+class Welcome(Message):
+    """The learner's answer: the run and its configuration.
+
+    ``weights_version`` (NO_WEIGHTS before the first) and ``learner_incarnation`` are filled in by
+    the transport.
+    """
+
+    KIND: ClassVar[str] = "welcome"
+    run_id: str
+    config: dict[str, Any]
+    actor_index: int
+    weights_version: int = NO_WEIGHTS
+    learner_incarnation: str = ""
+
+    def __post_init__(self) -> None:
+        _text("run_id", self.run_id, empty=False)
+        if not isinstance(self.config, dict):
+            raise MessageError("config must be a map")
+        _integer("actor_index", self.actor_index)
+        _integer("weights_version", self.weights_version, NO_WEIGHTS)
+        _text("learner_incarnation", self.learner_incarnation)
+
+
+@dataclass(frozen=True)
+class Refusal(Message):
+    """The learner does not want this actor; ``reason`` is a sentence for the user."""
+
+    KIND: ClassVar[str] = "refusal"
+    reason: str
+
+    def __post_init__(self) -> None:
+        _text("reason", self.reason)
+
+
+@dataclass(frozen=True)
+class ChunkHeader(Message):
+    """What an upload says about itself; its arrays travel beside it.
+
+    ``sequence`` counts the uploads of one incarnation from 1. ``timing`` holds seconds per
+    activity since the last chunk, ``episodes`` the records of episodes that ended in the chunk.
+    """
+
+    KIND: ClassVar[str] = "chunk"
+    run_id: str
+    actor_id: str
+    incarnation: str
+    sequence: int
+    steps: int
+    worlds: int
+    episodes: list[dict[str, Any]] = field(default_factory=list)
+    timing: dict[str, float] = field(default_factory=dict)
+    host: str = ""
+    pid: int = 0
+
+    def __post_init__(self) -> None:
+        _text("run_id", self.run_id, empty=False)
+        _identifier("actor_id", self.actor_id)
+        _identifier("incarnation", self.incarnation)
+        _integer("sequence", self.sequence)
+        _integer("steps", self.steps)
+        _integer("worlds", self.worlds, 1)
+        if not isinstance(self.episodes, list) or not all(
+            isinstance(episode, dict) for episode in self.episodes
+        ):
+            raise MessageError("episodes must be a list of maps")
+        if not isinstance(self.timing, dict) or not all(
+            isinstance(key, str)
+            and isinstance(value, (int, float))
+            and abs(value) < MAX_INTEGER
+            and math.isfinite(value)
+            for key, value in self.timing.items()
+        ):
+            raise MessageError("timing must map names to finite seconds")
+        _text("host", self.host)
+        _integer("pid", self.pid)
+
+
+@dataclass(frozen=True)
+class Ack(Message):
+    """The learner's answer to an upload.
+
+    ``accepted``, ``duplicate``, ``stale`` and ``refused`` settle the chunk, except ``refused``
+    with reason UNKNOWN_ACTOR (a restarted learner: say hello, the chunk is then sent again);
+    ``pause`` means not taken, send again a little later. ``done``: training has finished.
+    ``weights_version`` and ``learner_incarnation`` are filled in by the transport.
+    """
+
+    KIND: ClassVar[str] = "ack"
+    status: str
+    weights_version: int = NO_WEIGHTS
+    learner_incarnation: str = ""
+    reason: str = ""
+    done: bool = False
+
+    def __post_init__(self) -> None:
+        if self.status not in ACK_STATUSES:
+            raise MessageError(f"status must be one of {', '.join(ACK_STATUSES)}")
+        _integer("weights_version", self.weights_version, NO_WEIGHTS)
+        _text("learner_incarnation", self.learner_incarnation)
+        _text("reason", self.reason)
+        _boolean("done", self.done)
+
+
+@dataclass(frozen=True)
+class WeightsAnnouncement(Message):
+    """The newest weights: version, bytes, digest. Repeated every second; ``done`` as in Ack."""
+
+    KIND: ClassVar[str] = "weights"
+    version: int
+    size: int
+    digest: str
+    learner_incarnation: str
+    done: bool = False
+
+    def __post_init__(self) -> None:
+        _integer("version", self.version, NO_WEIGHTS)
+        _integer("size", self.size)
+        _text("digest", self.digest)
+        _text("learner_incarnation", self.learner_incarnation)
+        _boolean("done", self.done)
+
+
+MESSAGES: dict[str, type[Message]] = {
+    kind.KIND: kind for kind in (Hello, Welcome, Refusal, ChunkHeader, Ack, WeightsAnnouncement)
+}
+M = TypeVar("M", bound=Message)
+
+
+def encode(message: Message, arrays: Mapping[str, NDArray[Any]] | None = None) -> bytes:
+    """A message and its arrays as bytes; raises MessageError for what cannot be sent."""
+    return pack({"kind": message.KIND, "body": message.to_dict()}, arrays)
+
+
+def decode(
+    data: bytes | bytearray | memoryview, *expected: type[M], limits: Limits = DEFAULT_LIMITS
+) -> tuple[M, dict[str, NDArray[Any]]]:
+    """Message and arrays in ``data``; raises MessageError unless it is one of ``expected``."""
+    header, arrays = unpack(data, limits)
+    kind = header.get("kind")
+    for candidate in expected:
+        if kind == candidate.KIND and set(header) == {"kind", "body"}:
+            return candidate.from_dict(header["body"]), arrays
+    wanted = " or ".join(candidate.KIND for candidate in expected)
+    raise MessageError(f"expected {wanted}, not {str(kind)[:40]!r}")
+
+
+def digest(blob: bytes) -> str:
+    """Thirty-two hex digits that identify a blob of weights."""
+    return hashlib.blake2b(blob, digest_size=16).hexdigest()

@@ -1,0 +1,206 @@
+"""The learner's status snapshot and its history, as every viewer reads them.
+
+Viewers and learners may be of different versions, so unknown keys are ignored and most keys have
+a default; values that no learner can mean (negative counts, rates above 1, text for numbers) are
+refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field
+
+from lndrl.errors import UserError
+from lndrl.models import Model, validate
+
+
+def _nan_is_missing(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0)]
+"""A finite number that is never negative."""
+Share = Annotated[float, Field(ge=0, le=1.0 + 1e-6)]
+Measured = Annotated[float | None, BeforeValidator(_nan_is_missing)]
+"""A mean that does not exist before the first sample: None, or NaN on the wire."""
+MeasuredShare = Annotated[Share | None, BeforeValidator(_nan_is_missing)]
+
+
+class StatusModel(Model):
+    """Frozen like every model, but keys of newer versions are ignored."""
+
+    model_config = ConfigDict(extra="ignore", populate_by_name=True)
+
+
+class Rate(StatusModel):
+    """Environment steps per second over the last 10, 60 and 300 s."""
+
+    seconds_10: Amount = Field(0.0, alias="10s")
+    seconds_60: Amount = Field(0.0, alias="60s")
+    seconds_300: Amount = Field(0.0, alias="300s")
+
+
+class ActorStatus(StatusModel):
+    """One actor process as the learner sees it."""
+
+    id: str
+    host: str = ""
+    pid: Count = 0
+    worlds: Count = 0
+    state: str = Field("active", description="active, slow or gone")
+    last_ack_age: Amount | None = Field(None, description="s since its last acknowledged chunk")
+    lag: Count = Field(0, description="weights versions behind the learner")
+    steps: Count = 0
+    rate: Amount = Field(0.0, description="steps/s")
+    restarts: Count = 0
+    time_split: dict[str, Share] = Field(default_factory=dict)
+
+
+class Episodes(StatusModel):
+    """Outcomes of the last ``window`` episodes; ``count`` episodes in all."""
+
+    count: Count = 0
+    window: Count = 0
+    arrived: MeasuredShare = None
+    collided: MeasuredShare = None
+    lost: MeasuredShare = None
+    timeout: MeasuredShare = None
+    mean_return: Measured = None
+    mean_time: Measured = Field(None, description="s")
+    mean_distance: Measured = Field(None, description="m")
+    position_error: Measured = Field(None, description="m")
+
+
+class Optimization(StatusModel):
+    """The newest PPO update. NaN and infinity stay: they are what a viewer must show."""
+
+    model_config = ConfigDict(allow_inf_nan=True)
+
+    policy_loss: float | None = None
+    value_loss: float | None = None
+    entropy: float | None = None
+    kl: float | None = None
+    clip_fraction: float | None = None
+    explained_variance: float | None = None
+    gradient_norm_policy: float | None = None
+    gradient_norm_value: float | None = None
+    learning_rate: float | None = None
+    importance_max: float | None = None
+
+
+class Lag(StatusModel):
+    """Weights versions between the acting and the learning policy, over the last update."""
+
+    mean: Measured = None
+    max: Count | None = None
+
+
+class Dropped(StatusModel):
+    """Chunks that were acknowledged but not learned from."""
+
+    stale: Count = 0
+    duplicate: Count = 0
+    refused: Count = 0
+
+
+class Queue(StatusModel):
+    """Chunks that wait for the learner."""
+
+    chunks: Count = 0
+    megabytes: Amount = 0.0
+
+
+class Event(StatusModel):
+    """One line of the log."""
+
+    time: Amount
+    kind: str = ""
+    text: str = ""
+
+
+class Checkpoint(StatusModel):
+    """The newest checkpoint."""
+
+    path: str = ""
+    age: Amount | None = Field(None, description="s")
+
+
+class Status(StatusModel):
+    """What a learner publishes about itself, about once a second."""
+
+    run_id: str = ""
+    run_name: str = ""
+    verdict: str = Field("", description="one of VERDICTS, or words of a newer learner")
+    state: str = Field("training", description="waiting, training, done, ...")
+    time: Amount = Field(description="unix s when this was written")
+    uptime: Amount = 0.0
+    steps: Count
+    total_steps: Count
+    updates: Count = 0
+    weights_version: Count = 0
+    rate: Rate = Rate()
+    eta: Amount | None = Field(None, description="s left")
+    time_split: dict[str, Share] = Field(
+        default_factory=dict, description="shares of the learner's last minute"
+    )
+    actors: list[ActorStatus] = Field(default_factory=list)
+    episodes: Episodes = Episodes()
+    ppo: Optimization = Optimization()
+    lag: Lag = Lag()
+    dropped: Dropped = Dropped()
+    queue: Queue = Queue()
+    events: list[Event] = Field(default_factory=list, description="newest last")
+    checkpoint: Checkpoint | None = None
+
+
+class HistoryRow(StatusModel):
+    """One point of the learner's ring of past values."""
+
+    time: Amount
+    steps: Count = 0
+    rate: Measured = None
+    arrived: MeasuredShare = None
+    collided: MeasuredShare = None
+    lost: MeasuredShare = None
+    timeout: MeasuredShare = None
+    mean_return: Measured = None
+    kl: Measured = None
+    entropy: Measured = None
+    lag: Measured = None
+
+
+VERDICTS = (
+    "learning",
+    "waiting for actors",
+    "learner-bound",
+    "actor-bound",
+    "stale",
+    "done",
+)
+"""The words a learner uses for its own condition (``stale`` is the viewer's own finding)."""
+
+
+def parse_status(data: Any, where: str = "status") -> Status:
+    """Snapshot from plain JSON data; raises UserError naming ``where`` and the key."""
+    return validate(Status, data, where)
+
+
+def parse_history(data: Any, where: str = "status history") -> list[HistoryRow]:
+    """History rows, oldest first, from plain JSON data; raises UserError."""
+    if not isinstance(data, Sequence) or isinstance(data, str | bytes):
+        raise UserError(f"{where}: must be a list of rows, not {type(data).__name__}")
+    return [validate(HistoryRow, row, f"{where}, row {i}") for i, row in enumerate(data)]
+
+
+def parse_reply(data: Any) -> tuple[Status, list[HistoryRow]]:
+    """Both halves of a learner's answer ``{"snapshot": ..., "history": [...]}``.
+
+    Raises UserError where the answer is not one of a learner.
+    """
+    if not isinstance(data, dict) or "snapshot" not in data:
+        raise UserError("status: the answer holds no snapshot; is a learner of lndrl listening?")
+    return parse_status(data["snapshot"]), parse_history(data.get("history") or [])

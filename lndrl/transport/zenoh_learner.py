@@ -1,0 +1,203 @@
+"""The learner's side over Zenoh: queryables for hello, uploads, weights, status; membership.
+
+Every kind of question has its own thread, so a stalled upload never delays the others.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import zenoh
+
+from lndrl.config import TransportConfig
+from lndrl.transport.desk import LearnerDesk, to_json
+from lndrl.transport.interface import LearnerHandlers
+from lndrl.transport.messages import NO_WEIGHTS, Limits, encode
+from lndrl.transport.zenoh_session import (
+    ACTORS,
+    ANNOUNCE,
+    HELLO,
+    STATUS,
+    UPLOAD,
+    WEIGHTS,
+    ExitGuard,
+    open_listening,
+)
+
+CAPACITY = 4096
+ANNOUNCE_SECONDS = 1.0
+
+
+class UploadQueue:
+    """Uploads that wait for the handler, one per (actor, incarnation, sequence).
+
+    A chunk that was sent again replaces its older copy, so a long stall costs no memory, and
+    Zenoh's own channel never fills up, which would block the reception of everything else.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._waiting: dict[str, zenoh.Query] = {}
+        self._closed = False
+
+    def put(self, query: zenoh.Query) -> None:
+        """Add an upload; a flood beyond any sensible number of actors is left unanswered."""
+        key = str(query.key_expr)
+        with self._changed:
+            older = self._waiting.get(key)
+            if self._closed or (older is None and len(self._waiting) >= CAPACITY):
+                query.drop()
+                return
+            self._waiting[key] = query
+            self._changed.notify()
+        if older is not None:
+            older.drop()
+
+    def get(self) -> zenoh.Query | None:
+        """The oldest upload; None when closed."""
+        with self._changed:
+            while not self._waiting and not self._closed:
+                self._changed.wait()
+            if self._closed:
+                return None
+            return self._waiting.pop(next(iter(self._waiting)))
+
+    def close(self) -> None:
+        """Wake up ``get`` and forget what waits; the actors still have it."""
+        with self._changed:
+            self._closed = True
+            self._waiting.clear()
+            self._changed.notify_all()
+
+
+class ZenohLearner:
+    """See ``LearnerEndpoint``. Opening it occupies the port; raises UserError when it cannot."""
+
+    def __init__(self, config: TransportConfig, run_id: str = "") -> None:
+        self.run_id = run_id
+        self.endpoint = config.endpoint
+        self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20))
+        self.incarnation = self._desk.incarnation
+        self._uploads = UploadQueue()
+        self._news = threading.Event()
+        self._entities: list[Any] = []
+        self._payload: tuple[int, zenoh.ZBytes] | None = None
+        self._session = open_listening(config.endpoint, config)
+        self._guard = ExitGuard(self.close)
+
+    def start(self, handlers: LearnerHandlers) -> None:
+        """Begin to answer."""
+        self._desk.handlers = handlers
+        session = self._session
+        members = session.zenoh.liveliness().declare_subscriber(
+            f"{ACTORS}/**", zenoh.handlers.FifoChannel(CAPACITY), history=True
+        )
+        self._entities.append(members)
+        session.pump("members", members.handler, self._on_member)
+        for name, key, take in (
+            ("status", STATUS, self._on_status),
+            ("announce", ANNOUNCE, self._on_announce),
+            ("weights", WEIGHTS, self._on_weights),
+            ("intake", f"{UPLOAD}/**", self._uploads.put),
+            ("hello", HELLO, self._on_hello),
+        ):
+            queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
+            self._entities.append(queryable)
+            session.pump(name, queryable.handler, take)
+        session.run("uploads", self._take_uploads)
+        session.run("announcer", self._announce)
+
+    def publish_weights(self, version: int, blob: bytes) -> None:
+        """Offer weights; the announcement leaves on another thread."""
+        self._desk.put_weights(version, blob)
+        self._news.set()
+
+    def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
+        """Offer the status; drops the live copy rather than wait for a slow viewer."""
+        self._desk.put_status(snapshot, history)
+        self._put(STATUS, to_json(snapshot), zenoh.Priority.DATA_LOW, express=False)
+
+    def finish(self) -> None:
+        """Say ``done`` from now on."""
+        self._desk.finish()
+        self._news.set()
+
+    def close(self) -> None:
+        """Stop answering and give the port back."""
+        self._guard.release()
+        self._uploads.close()
+        self._news.set()
+        self._session.close()
+
+    def _on_hello(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(HELLO, self._desk.answer_hello(_bytes(query)))
+
+    def _take_uploads(self) -> None:
+        while (query := self._uploads.get()) is not None:
+            with query:
+                answer = self._desk.answer_chunk(_bytes(query))
+                try:
+                    query.reply(query.key_expr, answer)
+                except zenoh.ZError:
+                    # The actor left or the session closes; an actor that lives sends again.
+                    continue
+
+    def _on_weights(self, query: zenoh.Query) -> None:
+        with query:
+            wanted = _bytes(query)[:20].decode("ascii", "replace")
+            version = int(wanted) if wanted.isdecimal() else None
+            found = self._desk.weights(version)
+            if found is None:
+                newest = encode(self._desk.announcement())
+                query.reply(WEIGHTS, b"", attachment=newest)
+                return
+            announcement, blob = found
+            if self._payload is None or self._payload[0] != announcement.version:
+                self._payload = (announcement.version, zenoh.ZBytes(blob))
+            query.reply(WEIGHTS, self._payload[1], attachment=encode(announcement))
+
+    def _on_announce(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(ANNOUNCE, encode(self._desk.announcement()))
+
+    def _on_status(self, query: zenoh.Query) -> None:
+        with query:
+            status = self._desk.status()
+            if status is not None:
+                query.reply(STATUS, status)
+
+    def _on_member(self, sample: zenoh.Sample) -> None:
+        parts = str(sample.key_expr).removeprefix(f"{ACTORS}/").split("/")
+        if len(parts) == 2 and self._desk.handlers is not None:
+            alive = sample.kind == zenoh.SampleKind.PUT
+            self._desk.handlers.on_member(parts[0], parts[1], alive)
+
+    def _announce(self) -> None:
+        # Repeated, because a lost announcement would leave a waiting actor idle for good.
+        while not self._session.closing:
+            self._news.wait(ANNOUNCE_SECONDS)
+            self._news.clear()
+            newest = self._desk.announcement()
+            if newest.version != NO_WEIGHTS or newest.done:
+                self._put(ANNOUNCE, encode(newest), zenoh.Priority.INTERACTIVE_HIGH, express=True)
+
+    def _put(self, key: str, data: bytes, priority: zenoh.Priority, express: bool) -> None:
+        if self._session.closing:
+            return
+        try:
+            self._session.zenoh.put(
+                key,
+                data,
+                priority=priority,
+                express=express,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+        except zenoh.ZError:
+            if not self._session.closing:
+                raise
+
+
+def _bytes(query: zenoh.Query) -> bytes:
+    return query.payload.to_bytes() if query.payload is not None else b""

@@ -1,0 +1,278 @@
+"""Zenoh sessions as this project needs them: explicit configuration, bounded opening and closing.
+
+Facts behind the settings: a default session listens on all interfaces and multicasts; a message
+that cannot be queued for ``wait_before_close`` closes the link; implicit shared memory can lose
+queries; a thread that is inside Zenoh while the interpreter ends aborts the process.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+from lndrl.config import TransportConfig
+from lndrl.errors import UserError
+
+PREFIX = "lndrl"
+HELLO = f"{PREFIX}/hello"
+UPLOAD = f"{PREFIX}/upload"
+WEIGHTS = f"{PREFIX}/weights"
+ANNOUNCE = f"{PREFIX}/announce"
+STATUS = f"{PREFIX}/status"
+ACTORS = f"{PREFIX}/actors"
+
+ENDPOINT = re.compile(r"tcp/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.\-]+):(\d{1,5})\Z")
+CLOSE_SECONDS = 3.0
+logger = logging.getLogger(__name__)
+
+
+class UnreachableError(Exception):
+    """No learner accepted a connection in time."""
+
+
+class ZenohSession:
+    """One open session with the threads that drain its channels.
+
+    Threads only ever wait inside ``recv``, which ends when the session closes.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.zenoh = session
+        self._closing = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._lock = threading.Lock()
+
+    @property
+    def closing(self) -> bool:
+        """Whether the session is closed or about to be."""
+        return self._closing.is_set()
+
+    def run(self, name: str, work: Callable[[], None]) -> None:
+        """Run ``work`` in a thread that ``close`` waits for."""
+        thread = threading.Thread(target=work, name=f"lndrl-{name}", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def pump(self, name: str, handler: Any, take: Callable[[Any], None]) -> None:
+        """Hand everything that a channel receives to ``take``, in a thread, until closed."""
+
+        def loop() -> None:
+            while not self._closing.is_set():
+                try:
+                    item = handler.recv()
+                except zenoh.ZError:
+                    return
+                try:
+                    take(item)
+                except Exception:
+                    # One bad message or a vanished peer must not silence the channel.
+                    if not self._closing.is_set():
+                        logger.exception("%s: a message could not be handled", name)
+
+        self.run(name, loop)
+
+    def query(
+        self,
+        key: str,
+        payload: bytes = b"",
+        timeout: float = 10.0,
+        priority: zenoh.Priority = zenoh.Priority.INTERACTIVE_HIGH,
+    ) -> zenoh.Sample | None:
+        """One answer to a query, or None when nobody answered; raises ZError when closed."""
+        return first_answer(self.ask(key, payload, timeout, priority))
+
+    def ask(
+        self,
+        key: str,
+        payload: bytes,
+        timeout: float,
+        priority: zenoh.Priority = zenoh.Priority.DATA,
+    ) -> Any:
+        """Send a query; its answers arrive on the channel that is returned."""
+        return self.zenoh.get(
+            key,
+            zenoh.handlers.FifoChannel(4),
+            payload=payload,
+            timeout=timeout,
+            priority=priority,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def connected(self) -> bool:
+        """Whether a link to a learner exists now."""
+        try:
+            return bool(self.zenoh.info.routers_zid())
+        except zenoh.ZError:
+            return False
+
+    def close(self, timeout: float = CLOSE_SECONDS) -> None:
+        """Close within ``timeout`` seconds; a session that refuses is left to its thread."""
+        with self._lock:
+            if self._closing.is_set():
+                return
+            self._closing.set()
+        thread = threading.Thread(target=self._close, name="lndrl-close", daemon=True)
+        thread.start()
+        thread.join(timeout)
+        if thread.is_alive():
+            logger.warning("a network session did not close within %g s", timeout)
+        for worker in self._threads:
+            if worker is not threading.current_thread():
+                worker.join(0.5)
+
+    def _close(self) -> None:
+        try:
+            self.zenoh.close()
+        except zenoh.ZError as error:
+            logger.debug("closing a session: %s", error)
+
+
+class ExitGuard:
+    """Closes an endpoint when the main thread ends and nobody has closed it.
+
+    Python ends daemon threads by unwinding them, which aborts a process whose thread is inside
+    Zenoh. A plain thread is waited for at exit, before that happens.
+    """
+
+    def __init__(self, close: Callable[[], None]) -> None:
+        self._close = close
+        self._released = threading.Event()
+        threading.Thread(target=self._watch, name="lndrl-exit-guard").start()
+
+    def release(self) -> None:
+        """The endpoint is being closed; the guard is no longer needed."""
+        self._released.set()
+
+    def _watch(self) -> None:
+        main = threading.main_thread()
+        while main.is_alive():
+            if self._released.wait(0.2):
+                return
+        self._close()
+
+
+def first_answer(channel: Any) -> zenoh.Sample | None:
+    """The first positive answer on a query's channel; None when there is none."""
+    while True:
+        try:
+            reply = channel.recv()
+        except zenoh.ZError:
+            return None
+        if reply.ok is not None:
+            return reply.ok
+
+
+def parse_endpoint(endpoint: str) -> tuple[str, int]:
+    """Host and port of ``tcp/HOST:PORT``; raises UserError."""
+    match = ENDPOINT.match(endpoint)
+    if match is None or not 0 < int(match[2]) < 65536:
+        raise UserError(
+            f"endpoint {endpoint!r} must look like tcp/HOST:PORT with a port from 1 to 65535,"
+            " e.g. tcp/127.0.0.1:7447"
+        )
+    return match[1], int(match[2])
+
+
+def free_endpoint(host: str = "127.0.0.1") -> str:
+    """An endpoint on a port that is free at this moment."""
+    with socket.socket() as probe:
+        probe.bind((host, 0))
+        return f"tcp/{host}:{probe.getsockname()[1]}"
+
+
+def open_listening(endpoint: str, config: TransportConfig) -> ZenohSession:
+    """The learner's session, a router that listens; raises UserError when it cannot."""
+    host, port = parse_endpoint(endpoint)
+    settings = {
+        **_common(config),
+        "mode": "router",
+        "listen/endpoints": [endpoint],
+        "listen/exit_on_failure": True,
+        "transport/unicast/max_sessions": 4096,
+    }
+    try:
+        return ZenohSession(_open(settings, 10.0))
+    except (zenoh.ZError, UnreachableError) as error:
+        text = str(error)
+    if "in use" in text:
+        raise UserError(
+            f"port {port} is in use on {host}; stop the program that listens there or choose"
+            " another port in transport.endpoint"
+        )
+    if "assign requested address" in text:
+        raise UserError(f"endpoint {endpoint}: this machine does not have the address {host}")
+    if "lookup" in text:
+        raise UserError(f"endpoint {endpoint}: the host name {host} is unknown")
+    if "ermission denied" in text:
+        raise UserError(f"endpoint {endpoint}: port {port} is not allowed; choose one above 1023")
+    raise UserError(f"endpoint {endpoint}: cannot listen ({text[:200]})")
+
+
+def open_connecting(endpoint: str, config: TransportConfig, timeout: float) -> ZenohSession:
+    """A client's session; it reconnects by itself later. Raises UnreachableError, UserError."""
+    parse_endpoint(endpoint)
+    settings = {
+        **_common(config),
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": max(1, int(timeout * 1000)),
+        "connect/exit_on_failure": True,
+        "connect/retry": {
+            "period_init_ms": 200,
+            "period_max_ms": 2000,
+            "period_increase_factor": 2,
+        },
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
+    }
+    try:
+        return ZenohSession(_open(settings, timeout))
+    except zenoh.ZError as error:
+        raise UnreachableError(str(error)) from None
+
+
+def _common(config: TransportConfig) -> dict[str, Any]:
+    return {
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
+        "transport/shared_memory/transport_optimization/enabled": False,
+        "transport/link/tx/lease": int(config.lease * 1000),
+        "transport/link/rx/max_message_size": config.max_message_megabytes * 2**20,
+        "transport/link/rx/buffer_size": 2**18,
+    }
+
+
+def _open(settings: dict[str, Any], timeout: float) -> zenoh.Session:
+    built = zenoh.Config()
+    for key, value in settings.items():
+        built.insert_json5(key, json.dumps(value))
+    result: list[Any] = []
+    abandoned = threading.Event()
+
+    def work() -> None:
+        try:
+            session = zenoh.open(built)
+        except Exception as error:
+            result.append(error)
+            return
+        result.append(session)
+        if abandoned.is_set():
+            session.close()
+
+    thread = threading.Thread(target=work, name="lndrl-open", daemon=True)
+    thread.start()
+    thread.join(timeout + 0.5)
+    if not result:
+        abandoned.set()
+        raise UnreachableError(f"opening took longer than {timeout:g} s")
+    if isinstance(result[0], Exception):
+        raise result[0]
+    return result[0]

@@ -1,0 +1,136 @@
+"""News from the learner, fetched by a thread so that drawing never waits for the network."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from lndrl.errors import UserError
+from lndrl.transport.status import HistoryRow, Status, parse_reply
+
+ASK_EVERY = 1.0
+"""s between questions to the learner."""
+PATIENCE = 3.0
+"""s until a question counts as unanswered."""
+REOPEN_AFTER = 5
+"""Unanswered questions in a row until the connection is opened anew."""
+
+
+class Viewer(Protocol):
+    """The viewer side of the transport."""
+
+    def status(self, timeout: float) -> dict[str, Any]:
+        """``{"snapshot": ..., "history": [...]}``; raises where no learner answers."""
+        ...
+
+    def close(self) -> None:
+        """End the connection."""
+        ...
+
+
+@dataclass(frozen=True)
+class News:
+    """One answer of the learner."""
+
+    status: Status
+    history: list[HistoryRow]
+    raw: dict[str, Any]
+    heard: float = field(default_factory=time.monotonic)
+    """Monotonic s when the learner last wrote something new."""
+
+    @property
+    def age(self) -> float:
+        """s since the learner last wrote something new."""
+        return max(time.monotonic() - self.heard, 0.0)
+
+
+def ask(viewer: Viewer, timeout: float = PATIENCE) -> News:
+    """One question; raises UserError or the transport's own error."""
+    raw = viewer.status(timeout)
+    status, history = parse_reply(raw)
+    return News(status, history, raw)
+
+
+class Feed:
+    """The newest News, renewed in the background until closed.
+
+    Asks instead of listening, so that a learner that comes back, under the same address or with
+    a new history, is simply the next answer. An answer that repeats an old snapshot (the learner
+    hangs while its network still answers) does not count as news.
+    """
+
+    def __init__(
+        self, open_viewer: Callable[[], Viewer], viewer: Viewer | None, first: News
+    ) -> None:
+        self._open = open_viewer
+        self._viewer = viewer
+        self._newest = first
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="dashboard-feed", daemon=True)
+        self._thread.start()
+
+    @property
+    def newest(self) -> News:
+        """The last answer that held something new."""
+        return self._newest
+
+    def close(self) -> None:
+        """Stop asking and end the connection; does not wait for an answer that is due."""
+        self._closed.set()
+        self._thread.join(timeout=0.5)
+
+    def _run(self) -> None:
+        failures = 0
+        while not self._closed.wait(ASK_EVERY):
+            try:
+                if self._viewer is None:
+                    self._viewer = self._open()
+                self._take(ask(self._viewer))
+                failures = 0
+            except Exception:  # whatever happens to a connection, a viewer keeps trying
+                failures += 1
+                if failures % REOPEN_AFTER == 0:
+                    self._drop()
+        self._drop()
+
+    def _take(self, news: News) -> None:
+        old = self._newest
+        same = (news.status.run_id, news.status.time) == (old.status.run_id, old.status.time)
+        if not same:
+            self._newest = news
+
+    def _drop(self) -> None:
+        viewer, self._viewer = self._viewer, None
+        if viewer is not None:
+            try:
+                viewer.close()
+            except Exception:  # the connection is lost anyway
+                return
+
+
+def plain_json(value: Any) -> Any:
+    """``value`` with NaN and infinities as None, which strict JSON demands."""
+    if isinstance(value, dict):
+        return {str(key): plain_json(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_json(inner) for inner in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def first_news(viewer: Viewer, where: str, timeout: float = PATIENCE) -> News:
+    """The first answer; raises UserError that names ``where`` when nobody answers."""
+    try:
+        return ask(viewer, timeout)
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(
+            f"no learner answers at {where} ({type(error).__name__}); "
+            "start one with: lndrl learner CONFIG"
+        ) from error

@@ -1,0 +1,7 @@
+"""The truth: place, robot, crowd, laser, odometer, contacts."""
+
+from lndrl.world.laser import beam_bearings
+from lndrl.world.place import Place
+from lndrl.world.world import World
+
+__all__ = ["Place", "World", "beam_bearings"]

@@ -1,0 +1,105 @@
+"""Spawned workers against a learner on a real Zenoh loopback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+from actors.fleet import Fleet, run_fleet
+from lndrl.transport import free_endpoint, open_learner
+
+PATIENCE = 90.0  # s, for machines with much else to do
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited in vain for {what}"
+        time.sleep(0.05)
+
+
+def gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    with open(f"/proc/{pid}/stat") as stat:
+        return stat.read().rsplit(")", 1)[1].split()[0] == "Z"
+
+
+@pytest.fixture
+def learner(small_config, noting_learner):
+    """A learner on a loopback port of its own, weights version 0 out."""
+    endpoint = free_endpoint()
+    config = small_config(transport={"endpoint": endpoint})
+    learner = noting_learner(config, open_learner(config.transport, "run-1"))
+    learner.publish(0)
+    return learner
+
+
+def test_killed_worker_is_replaced_until_the_run_is_done(learner):
+    lines: list[str] = []
+    fleet = Fleet(learner.config.transport.endpoint, 1, worlds=1, log=lines.append)
+    fleet.start()
+    try:
+        wait_for(lambda: fleet.poll() is not None or learner.headers, "the first chunk")
+        assert not fleet.error
+        (first,) = fleet.pids()
+        os.kill(first, signal.SIGKILL)
+        wait_for(lambda: fleet.poll() is not None or fleet.restarts, "a replacement")
+        before = len(learner.headers)
+        wait_for(
+            lambda: fleet.poll() is not None or len({h.pid for h in learner.headers}) == 2,
+            "a chunk of the replacement",
+        )
+        (second,) = fleet.pids()
+        assert second != first and fleet.restarts == 1
+        newest = learner.headers[-1]
+        assert (newest.worlds, newest.pid) == (1, second)
+        assert len({h.actor_id for h in learner.headers}) == 1, "the place keeps its name"
+        assert len({h.incarnation for h in learner.headers}) == 2
+        assert learner.headers[before].sequence == 1, "numbers begin anew"
+        assert any("SIGKILL" in line for line in lines)
+        learner.endpoint.finish()
+        wait_for(lambda: fleet.poll() is not None, "the end")
+        assert fleet.poll() == 0 and fleet.restarts == 1
+    finally:
+        begun = time.monotonic()
+        fleet.stop()
+    assert time.monotonic() - begun < 4.0
+    assert gone(first) and gone(second)
+    assert fleet.pids() == []
+
+
+def test_refused_fleet_says_so_once(learner, capfd):
+    learner.refusal = "this learner wants another version"
+    assert run_fleet(learner.config.transport.endpoint, 2) == 2
+    assert capfd.readouterr().err.count("wants another version") == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_ended_foreground_fleet_leaves_no_process(learner, number):
+    """Ctrl-C reaches the whole group, SIGTERM and SIGKILL only the fleet."""
+    program = (
+        "from actors.fleet import run_fleet; import sys; "
+        f"sys.exit(run_fleet({learner.config.transport.endpoint!r}, 1))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_for(lambda: process.poll() is not None or learner.headers, "the first chunk")
+        send = os.killpg if number == signal.SIGINT else os.kill
+        send(process.pid, number)
+        _, errors = process.communicate(timeout=15.0)
+    finally:
+        process.kill()
+    assert process.returncode == (-9 if number == signal.SIGKILL else 0), errors
+    assert "Traceback" not in errors
+    wait_for(lambda: gone(learner.headers[-1].pid), "the worker's end")

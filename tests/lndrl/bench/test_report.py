@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import json
+import time
+from importlib import util
+
+import pytest
+from rich.console import Console
+
+from lndrl.bench import report, transport
+from lndrl.bench.amcl import measure as measure_amcl
+from lndrl.bench.world import measure as measure_world
+from lndrl.errors import UserError
+
+
+def test_every_benchmark_has_its_module() -> None:
+    for name in report.BENCHMARKS:
+        assert util.find_spec(f"lndrl.bench.{name}") is not None
+
+
+def test_unknown_benchmark_names_the_known_ones() -> None:
+    with pytest.raises(UserError, match="'wrld' is unknown; known: world, amcl"):
+        report.measure("wrld", 1.0)
+
+
+def test_median_is_of_one_call() -> None:
+    calls = []
+
+    def call() -> None:
+        calls.append(1)
+        time.sleep(0.002)
+
+    seconds = report.median_seconds(call, 0.05, repetitions=5)
+    assert 0.002 <= seconds < 0.02
+    assert 7 <= len(calls) <= 27
+
+
+def test_a_slow_call_is_still_repeated() -> None:
+    calls = []
+    report.median_seconds(lambda: calls.append(time.sleep(0.001)), 1e-6, repetitions=3)
+    assert len(calls) == 5
+
+
+def test_machine_says_what_the_figures_depend_on() -> None:
+    facts = report.machine()
+    assert facts["cpu"] and facts["cores"] >= 1
+    assert {"python", "numpy", "numba"} <= set(facts["versions"])
+    json.dumps(facts)
+    assert f"numpy {facts['versions']['numpy']}" in report.machine_line(facts)
+
+
+def test_table_shows_nested_figures() -> None:
+    console = Console(width=100)
+    with console.capture() as captured:
+        console.print(report.figures_table("amcl", {"update": {"500x60": 123.456}, "n": 12345}))
+    assert "update 500x60" in captured.get()
+    assert "123.5" in captured.get() and "12,345" in captured.get()
+
+
+def test_world_figures() -> None:
+    figures = measure_world(0.1)
+    assert figures["steps_per_second"] > 0
+    parts = figures["microseconds_by_part"]
+    assert set(parts) == {
+        "people",
+        "robot_and_contacts",
+        "laser",
+        "localization",
+        "episode_starts",
+        "rest",
+    }
+    assert all(value >= 0 for value in parts.values())
+    assert min(parts["people"], parts["laser"], parts["localization"]) > 1.0
+
+
+def test_amcl_figures() -> None:
+    update = measure_amcl(0.01)["update_microseconds"]
+    assert set(update) == {"500x60", "2000x60"}
+    # Four times the particles take longer by far; both have the fixed count they claim.
+    assert update["2000x60"] > 1.5 * update["500x60"] > 0
+
+
+def test_transport_rates_leave_out_the_warm_up() -> None:
+    warm_up = [(0.1 * i, 10) for i in range(transport._WARM_UP_CHUNKS)]
+    began = warm_up[-1][0]
+    timed = [(began + 0.01 * (i + 1), 2_000_000) for i in range(50)]
+    figures = transport._figures(warm_up + timed, 512)
+    assert figures["chunks_per_second"] == pytest.approx(100.0)
+    assert figures["megabytes_per_second"] == pytest.approx(200.0)
+    assert figures["chunk_kilobytes"] == 2000.0

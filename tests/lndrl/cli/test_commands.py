@@ -1,0 +1,223 @@
+"""train, learner and actor: what they hand to the services, and what they refuse before that."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import yaml
+
+from lndrl.cli.main import run
+from lndrl.cli.signals import stop_on_signals
+from lndrl.config import load_config
+
+SCENARIO = {
+    "name": "room",
+    "size": [10.0, 6.0],
+    "pedestrians": {"count": [0, 0]},
+    "robot": [{"start": [1, 1, 2, 2], "goal": [8, 4, 9, 5]}],
+}
+
+
+class Services:
+    """Stands where learner and actors would start; remembers the calls."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+        self.exit_code = 0
+        self.signals: list[int] = []
+
+    def service(self, name: str) -> Any:
+        def called(*arguments: Any, **options: Any) -> Any:
+            self.calls.append((name, arguments, options))
+            for number in self.signals:
+                os.kill(os.getpid(), number)
+            return self.exit_code if name == "fleet" else "finished after 10 steps"
+
+        return called
+
+
+@pytest.fixture
+def services(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Services:
+    """Fake services, and a working folder with run.yaml."""
+    fake = Services()
+
+    def stand_in(module: str, **names: str) -> None:
+        fakes = SimpleNamespace(
+            **{function: fake.service(name) for function, name in names.items()}
+        )
+        monkeypatch.setitem(sys.modules, module, fakes)
+        monkeypatch.setattr(module, fakes, raising=False)
+
+    stand_in("learner.service", run_learner="learner")
+    stand_in("actors.fleet", run_fleet="fleet")
+    stand_in("lndrl.cli.training", train_locally="local", train_serially="serial")
+    monkeypatch.chdir(tmp_path)
+    Path("run.yaml").write_text(yaml.safe_dump({"scenario": SCENARIO, "seed": 5}))
+    return fake
+
+
+def existing_run(name: str = "first", **changes: Any) -> Path:
+    folder = Path("runs") / name
+    folder.mkdir(parents=True)
+    data = {**load_config("run.yaml").model_dump(mode="json"), **changes}
+    (folder / "config.yaml").write_text(yaml.safe_dump(data))
+    return folder
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    before = sorted(Path().rglob("*"))
+    assert run(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert sorted(Path().rglob("*")) == before
+    return captured.err
+
+
+def test_train_starts_learner_and_actors(services: Services, capsys) -> None:
+    line = "train run.yaml --actors 3 --steps 500 --run first --set seed=7 ppo.epochs=2"
+    assert run([*line.split(), "--listen", "tcp/127.0.0.1:7555"]) == 0
+    [(name, (config, folder, resume, checkpoint, drawn, stop), _)] = services.calls
+    assert (name, folder, resume, checkpoint) == ("local", Path("runs/first"), False, None)
+    assert (config.seed, config.ppo.epochs) == (7, 2)
+    assert config.learner.total_steps == 500
+    assert config.actor.count == 3
+    assert config.transport.endpoint == "tcp/127.0.0.1:7555"
+    assert drawn is False
+    assert not stop.is_set()
+    assert capsys.readouterr().out == "finished after 10 steps\n"
+    assert not folder.exists()
+
+
+def test_train_names_a_run_by_file_and_time(services: Services) -> None:
+    assert run(["train", "run.yaml", "--dashboard"]) == 0
+    [(_, (config, folder, _, _, drawn, _), _)] = services.calls
+    assert folder.parent == Path("runs")
+    assert folder.name.startswith("run-2")
+    assert config == load_config("run.yaml")
+    assert drawn is True
+
+
+def test_train_serial(services: Services) -> None:
+    assert run("train run.yaml --serial --actors 1 --steps 64 --run s".split()) == 0
+    [(name, (config, folder, resume, checkpoint, _), _)] = services.calls
+    assert (name, folder, resume, checkpoint) == ("serial", Path("runs/s"), False, None)
+    assert (config.learner.total_steps, config.actor.count) == (64, 1)
+
+
+def test_learner(services: Services) -> None:
+    assert run("learner run.yaml --listen tcp/0.0.0.0:7000 --run far --steps 9".split()) == 0
+    [(name, (config, folder, resume, endpoint, stop, checkpoint), _)] = services.calls
+    assert (name, folder, resume, checkpoint) == ("learner", Path("runs/far"), False, None)
+    assert (endpoint or config.transport.endpoint) == "tcp/0.0.0.0:7000"
+    assert config.learner.total_steps == 9
+    assert not stop.is_set()
+
+
+def test_learner_listens_on_loopback_unless_asked(services: Services) -> None:
+    assert run(["learner", "run.yaml"]) == 0
+    assert services.calls[0][1][0].transport.endpoint == "tcp/127.0.0.1:7447"
+
+
+def test_actor(services: Services) -> None:
+    services.exit_code = 1
+    line = "actor --connect tcp/learner.example:7447 --count 2 --worlds 4 --device cuda:0"
+    assert run(line.split()) == 1
+    assert run(["actor", "--connect", "tcp/[::1]:7447"]) == 1
+    assert [call[1] for call in services.calls] == [
+        ("tcp/learner.example:7447", 2, 4, "cuda:0"),
+        ("tcp/[::1]:7447", 1, None, "cpu"),
+    ]
+
+
+@pytest.mark.parametrize("command", ["train", "learner"])
+def test_an_existing_run_is_not_overwritten(command: str, services: Services, capsys) -> None:
+    existing_run()
+    message = refused(capsys, command, "run.yaml", "--run", "first")
+    assert "runs/first exists already; continue it with --resume" in message
+    assert services.calls == []
+
+
+@pytest.mark.parametrize("command", ["train", "learner"])
+def test_resume_takes_the_runs_own_configuration(command: str, services: Services, capsys) -> None:
+    existing_run(seed=99)
+    line = f"{command} run.yaml --run first --resume --steps 800 --set ppo.clip=0.3"
+    assert run([*line.split(), "--checkpoint", "step-000000064"]) == 0
+    config, folder, resume = services.calls[0][1][:3]
+    assert "step-000000064" in services.calls[0][1][3:]
+    assert (config.seed, config.ppo.clip, config.learner.total_steps) == (99, 0.3, 800)
+    assert (folder, resume) == (Path("runs/first"), True)
+    assert "goes on with its own runs/first/config.yaml, not run.yaml" in capsys.readouterr().err
+
+
+def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsys) -> None:
+    existing_run()
+    assert run("train --run first --resume".split()) == 0
+    assert run("train run.yaml --run first --resume".split()) == 0
+    assert capsys.readouterr().err == ""
+    assert [call[1][2] for call in services.calls] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("train", "the configuration is missing"),
+        ("train nowhere.yaml", "nowhere.yaml: no such file"),
+        ("train run.yaml --set ppo.epoch=3", "unknown key ppo.epoch; did you mean epochs?"),
+        ("train run.yaml --set ppo.epochs=-3", "ppo.epochs = -3"),
+        ("train run.yaml --run ../away", "--run ../away: must be one folder name"),
+        ("train run.yaml --run a/b", "--run a/b: must be one folder name"),
+        ("train run.yaml --resume", "--resume needs --run NAME; runs that exist: known"),
+        ("train --run other --resume", "runs/other does not exist, so it cannot be resumed"),
+        ("learner --run other --resume", "runs that exist: known"),
+        ("train run.yaml --checkpoint step-000000064", "--checkpoint goes with --resume"),
+        ("learner run.yaml --checkpoint step-000000064", "--checkpoint goes with --resume"),
+        ("train run.yaml --serial --dashboard", "--dashboard does not go with --serial"),
+        ("train run.yaml --serial --listen tcp/0.0.0.0:1", "--listen does not go with --serial"),
+        ("train run.yaml --listen 7447", "--listen 7447: not an endpoint; write it like tcp/"),
+        ("learner run.yaml --listen tcp/0.0.0.0", "needs a host and a port 1 to 65535"),
+        ("learner run.yaml --listen tcp/h:99999", "needs a host and a port 1 to 65535"),
+        ("actor --connect http/h:80", "--connect http/h:80: not an endpoint"),
+        ("actor --connect tcp/:80", "needs a host and a port"),
+        ("actor --connect tcp/h:80 --device gpu", "--device gpu: not a device; write cpu"),
+    ],
+)
+def test_bad_input(line: str, sentence: str, services: Services, capsys) -> None:
+    existing_run("known")
+    assert sentence in refused(capsys, *line.split())
+    assert services.calls == []
+
+
+def test_a_run_folder_without_configuration(services: Services, capsys) -> None:
+    Path("runs/empty").mkdir(parents=True)
+    assert "runs/empty/config.yaml: no such file" in refused(
+        capsys, *"train --run empty --resume".split()
+    )
+
+
+@pytest.mark.parametrize("command", ["learner", "train", "train --serial"])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_first_signal_asks_for_an_orderly_end(
+    command: str, number: int, code: int, services: Services, capsys
+) -> None:
+    services.signals = [number]
+    before = signal.getsignal(number)
+    assert run([*command.split(), "run.yaml"]) == code
+    assert any(getattr(a, "is_set", bool)() for a in services.calls[0][1])
+    captured = capsys.readouterr()
+    assert "stopping: the learner writes a checkpoint" in captured.err
+    assert captured.out == "finished after 10 steps\n"
+    assert signal.getsignal(number) is before
+
+
+def test_the_second_signal_ends_at_once() -> None:
+    with pytest.raises(KeyboardInterrupt), stop_on_signals("soon") as stop:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop.wait(5)
+        os.kill(os.getpid(), signal.SIGINT)
+        pytest.fail("the second signal was swallowed")

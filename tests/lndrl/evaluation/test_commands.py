@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from lndrl.cli.main import run
+
+ROOM = """
+name: room
+size: [6, 4]
+pedestrians: {count: [0, 0]}
+robot: [{start: [1, 1, 2, 3], goal: [4, 1, 5, 3]}]
+"""
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> str:
+    file = tmp_path / "room.yaml"
+    file.write_text(ROOM)
+    return str(file)
+
+
+def test_evaluate_prints_json_alone_on_stdout(room: str, capsys) -> None:
+    assert run(["evaluate", "straight", "--scenario", room, "--episodes", "2", "--workers", "0",
+                "--json"]) == 0  # fmt: skip
+    out, err = capsys.readouterr()
+    data = json.loads(out)
+    assert (data["planner"], data["scenario"], data["episodes"]) == ("straight", "room", 2)
+    assert data["metrics"]["arrival"]["rate"] == 1.0
+    assert "straight on room" in err
+
+
+def test_several_planners_are_compared(room: str, capsys) -> None:
+    arguments = ["--scenario", room, "--episodes", "1", "--workers", "0"]
+    assert run(["evaluate", "straight", "random", *arguments]) == 0
+    out = capsys.readouterr().out
+    assert "straight on room: 1 episode," in out and "random on room: 1 episode," in out
+    assert out.count("planner") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["evaluate", "straight", "--episodes", "0"], "--episodes 0: must be 1 or more"),
+        (["evaluate", "straight", "--seed", "-1"], "--seed -1"),
+        (["evaluate", "straight", "--workers", "-1"], "--workers -1"),
+        (["evaluate", "runs/none"], "runs/none: no such run folder or weights file"),
+        (["evaluate", "straight", "--scenario", "hybird"], "did you mean hybrid?"),
+        (["evaluate", "straight", "--scenario", "no.yaml"], "no.yaml: no such file"),
+        (["evaluate", "straight", "--localization", "gps"], "perfect"),
+        (["play", "straight", "--out", "film.mp4"], "must end in .png or .gif"),
+        (["play", "straight", "--out", "/no/where.png"], "/no does not exist"),
+        (["play", "straight", "--out", "x.png", "--episode", "-1"], "--episode -1"),
+        (["bench", "wrld"], "'wrld' is unknown"),
+        (["bench", "world", "--seconds", "0"], "--seconds 0"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys) -> None:
+    assert run(arguments) == 2
+    out, err = capsys.readouterr()
+    assert sentence in err and len(err.strip().splitlines()) == 1
+    assert out == ""
+
+
+def test_play_draws_the_episode_that_evaluate_counts(room: str, tmp_path: Path, capsys) -> None:
+    picture, film = tmp_path / "a.png", tmp_path / "a.gif"
+    where = ["--scenario", room, "--seed", "3"]
+    assert run(["play", "straight", "--out", str(picture), "--episode", "1", *where]) == 0
+    said = capsys.readouterr().out
+    arguments = ["--episodes", "2", "--workers", "0", "--json"]
+    assert run(["evaluate", "straight", *where, *arguments]) == 0
+    record = json.loads(capsys.readouterr().out)["records"][1]
+    assert f"{record['outcome']} after {record['time']:.1f} s" in said
+    assert f"return {record['episode_return']:.0f}" in said
+    with Image.open(picture) as image:
+        assert image.width > 500
+    short = tmp_path / "short.yaml"
+    short.write_text(ROOM.replace("[4, 1, 5, 3]", "[2.2, 1, 2.6, 3]"))
+    assert run(["play", "straight", "--out", str(film), "--scenario", str(short)]) == 0
+    with Image.open(film) as image:
+        assert getattr(image, "n_frames", 1) > 1
+
+
+def test_ctrl_c_ends_evaluate_and_its_workers(room: str) -> None:
+    command = [sys.executable, "-m", "lndrl.cli.main", "evaluate", "random", "--scenario", room,
+               "--episodes", "100000", "--workers", "2"]  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True
+    ) as process:
+        assert process.stderr is not None
+        process.stderr.readline()  # the progress line: workers are about to start
+        deadline = time.monotonic() + 60
+        while len(_children(process.pid)) < 3 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        children = _children(process.pid)
+        assert len(children) == 3  # two workers and multiprocessing's resource tracker
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(30) == 130
+        assert "Traceback" not in process.stderr.read()
+        while any(Path(f"/proc/{pid}").exists() for pid in children):
+            assert time.monotonic() < deadline + 10
+            time.sleep(0.05)
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except FileNotFoundError:
+        return []

@@ -1,0 +1,131 @@
+"""Pose of the heaviest cluster and covariance of the whole set against NumPy and SciPy twins."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lndrl.config import LocalizationConfig
+from lndrl.localization.bins import bin_keys, insert, make_bins
+from lndrl.localization.clusters import estimate
+
+CONFIG = LocalizationConfig(min_particles=1, max_particles=3000)
+
+
+def kernel(poses, weights):
+    count = len(poses)
+    yaw = poses[:, 2]
+    rows = np.array([*poses.T, np.cos(yaw), np.sin(yaw)])
+    bins = make_bins(CONFIG)
+    keys, bin_of = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int32)
+    bin_keys(rows, count, bins, keys)
+    k = 0
+    for i in range(count):
+        bin_of[i], k = insert(keys[i], bins, k)
+    pose, covariance = np.zeros(3), np.full((3, 3), np.nan)
+    estimate(rows, weights, count, bin_of, bins, k, pose, covariance)
+    return pose, covariance
+
+
+def twin(poses, weights):
+    """Flood fill over occupied bins in a dictionary; plain formulas."""
+    members: dict[tuple[int, int, int], list[int]] = {}
+    for i, (x, y, yaw) in enumerate(poses):
+        turn = int((yaw + math.pi) // math.radians(10.0))
+        members.setdefault((math.floor(x / 0.5), math.floor(y / 0.5), min(turn, 35)), []).append(i)
+    best: list[int] = []
+    open_bins = set(members)
+    while open_bins:
+        stack, cluster = [open_bins.pop()], []
+        while stack:
+            column, row, turn = stack.pop()
+            cluster += members[column, row, turn]
+            for dx in (-1, 0, 1):
+                for dy in (-1, 0, 1):
+                    for da in (-1, 0, 1):
+                        other = (column + dx, row + dy, (turn + da) % 36)
+                        if other in open_bins:
+                            open_bins.remove(other)
+                            stack.append(other)
+        if not best or weights[cluster].sum() > weights[best].sum():
+            best = cluster
+    w = weights[best] / weights[best].sum()
+    direction = (w * np.exp(1j * poses[best, 2])).sum()
+    pose = np.array([*(w @ poses[best, :2]), np.angle(direction)])
+    covariance = np.zeros((3, 3))
+    covariance[:2, :2] = np.cov(poses[:, :2].T, aweights=weights, ddof=0)
+    whole = abs((weights / weights.sum() * np.exp(1j * poses[:, 2])).sum())
+    covariance[2, 2] = -2 * math.log(whole)
+    return pose, covariance
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_matches_twin_on_scattered_clouds(seed):
+    rng = np.random.default_rng(seed)
+    blobs = [
+        np.column_stack(
+            [
+                rng.normal(rng.uniform(-6, 20), rng.uniform(0.05, 0.5), n),
+                rng.normal(rng.uniform(-6, 20), rng.uniform(0.05, 0.5), n),
+                rng.normal(rng.uniform(-4, 4), rng.uniform(0.02, 0.5), n),
+            ]
+        )
+        for n in rng.integers(20, 400, 6)
+    ]
+    poses = np.vstack(blobs)
+    poses[:, 2] = (poses[:, 2] + math.pi) % (2 * math.pi) - math.pi
+    weights = rng.uniform(0.5, 1.5, len(poses))
+    pose, covariance = kernel(poses, weights)
+    expected_pose, expected_covariance = twin(poses, weights)
+    assert pose == pytest.approx(expected_pose, abs=1e-9)
+    assert covariance == pytest.approx(expected_covariance, abs=1e-9)
+
+
+def test_two_clusters_give_the_heavier_pose_and_the_whole_variance():
+    rng = np.random.default_rng(1)
+    heavy = rng.normal([2.0, 3.0, 0.5], 0.02, (300, 3))
+    light = rng.normal([12.0, 3.0, 0.5], 0.02, (200, 3))
+    poses = np.vstack([light, heavy])
+    pose, covariance = kernel(poses, np.full(500, 1 / 500))
+    assert pose == pytest.approx([2.0, 3.0, 0.5], abs=0.01)
+    assert covariance[0, 0] == pytest.approx(0.6 * 0.4 * 100.0, rel=0.01)
+    assert covariance[1, 1] == pytest.approx(4e-4, rel=0.2)
+    # Weight decides, not the number of particles.
+    weights = np.r_[np.full(200, 0.004), np.full(300, 0.2 / 300)]
+    assert kernel(poses, weights)[0] == pytest.approx([12.0, 3.0, 0.5], abs=0.01)
+
+
+def test_heading_wraps_at_pi():
+    rng = np.random.default_rng(2)
+    yaw = math.pi + rng.normal(0, 0.1, 400)
+    west = np.column_stack([np.full((400, 2), 1.2), (yaw + math.pi) % (2 * math.pi) - math.pi])
+    rival = np.tile([8.2, 8.2, 0.0], (300, 1))
+    # Cut at pi, the western cloud would be two clusters of 200 and lose to the rival.
+    pose, _ = kernel(np.vstack([west, rival]), np.full(700, 1 / 700))
+    assert pose[:2] == pytest.approx([1.2, 1.2])
+    assert abs(abs(pose[2]) - math.pi) < 0.03
+    _, covariance = kernel(west, np.full(400, 1 / 400))
+    assert covariance[2, 2] == pytest.approx(0.01, rel=0.2)
+
+
+@pytest.mark.parametrize("step", [(0.5, 0.0), (0.0, 0.5), (0.5, 0.5), (0.5, -0.5)])
+@pytest.mark.parametrize("turn", [-0.05, 0.0, 0.05])
+def test_bins_touch_across_corners_and_the_cut(step, turn):
+    first = np.tile([1.2, 1.2, -math.pi + 0.1], (200, 1))
+    second = np.tile([1.2 + step[0], 1.2 + step[1], math.pi - 0.1], (200, 1))
+    if turn:
+        first[:, 2], second[:, 2] = turn, -turn  # bins 17 and 18: no cut between them
+    rival = np.tile([8.2, 8.2, 0.0], (300, 1))
+    for order in ([first, second, rival], [rival, second, first]):
+        pose, _ = kernel(np.vstack(order), np.full(700, 1 / 700))
+        assert pose[:2] == pytest.approx([1.2 + step[0] / 2, 1.2 + step[1] / 2])
+
+
+def test_variance_far_from_the_origin_and_of_opposite_headings():
+    poses = np.array([[1e5, 1e5, -1.5], [1e5 + 0.002, 1e5, 1.6]])
+    _, covariance = kernel(poses, np.full(2, 0.5))
+    assert covariance[0, 0] == pytest.approx(1e-6, rel=1e-3)
+    opposite = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -math.pi]])
+    assert np.isfinite(kernel(opposite, np.full(2, 0.5))[1]).all()

@@ -1,0 +1,285 @@
+"""One episode at a time: what is seen, how it ends, what is recorded, and bit-equal replay."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from lndrl.config import RunConfig
+from lndrl.navigation.navigation import Navigation, Transition, build_surroundings
+from lndrl.navigation.render import render_snapshot
+
+SCENARIO = {
+    "name": "small",
+    "size": [14.0, 10.0],
+    "obstacles": [{"box": [6.0, 7.0, 7.0, 8.0]}],
+    "pedestrians": {
+        "count": [4, 6],
+        "routes": [{"start": [3.0, 6.0, 5.0, 9.0], "goal": [9.0, 6.0, 12.0, 9.0]}],
+    },
+    "robot": [{"start": [1.5, 1.5, 2.5, 2.5], "goal": [11.0, 2.0, 12.0, 3.0]}],
+}
+
+
+def made_config(**changes) -> RunConfig:
+    data = {
+        "seed": 5,
+        "scenario": SCENARIO,
+        "localization": {"min_particles": 60, "max_particles": 200},
+    }
+    return RunConfig.model_validate({**data, **changes})
+
+
+AMCL = made_config()
+PERFECT = made_config(localization={"kind": "perfect"})
+SURROUNDINGS = build_surroundings(AMCL)
+
+
+def started(config: RunConfig = AMCL, world: int = 0, episode: int | None = None) -> Navigation:
+    made = Navigation(*SURROUNDINGS, config, world)
+    made.reset(episode)
+    return made
+
+
+def bits(navigation: Navigation) -> bytes:
+    row = navigation.observation
+    arrays = (row.scan, row.pedestrians, row.pedestrian_count, row.goal, navigation.world.pose_true)
+    return b"".join(a.tobytes() for a in arrays)
+
+
+def drive(navigation: Navigation, steps: int) -> list[tuple[bytes, float]]:
+    """A fixed dance around the start; ends early when the episode does."""
+    seen = [(bits(navigation), 0.0)]
+    for i in range(steps):
+        transition = navigation.step(0.2, 0.9 if i % 8 < 4 else -0.9)
+        seen.append((bits(navigation), transition.reward))
+        if transition.record:
+            break
+    return seen
+
+
+def test_replay_is_bit_equal_whatever_else_runs() -> None:
+    alone = drive(started(episode=3), 12)
+    other = started(world=1)
+    beside = started(episode=0)
+    drive(beside, 2)
+    other.step(0.2, 0.3)
+    beside.reset(3)
+    assert drive(beside, 12) == alone
+    assert len(alone) > 5
+
+
+def test_other_worlds_episodes_and_seeds_differ() -> None:
+    starts = {
+        bits(started(config, world, episode))
+        for config in (AMCL, AMCL.model_copy(update={"seed": 6}))
+        for world in (0, 1)
+        for episode in (0, 1)
+    }
+    assert len(starts) == 8
+
+
+def test_reset_observes_the_start() -> None:
+    navigation = started()
+    row, world = navigation.observation, navigation.world
+    assert row.shape == () and row.scan.any()
+    distance = np.hypot(*(world.goal - world.start_pose[:2]))
+    assert np.hypot(row.goal[0], row.goal[1]) == pytest.approx(distance, abs=0.1)
+    assert abs(row.goal[2]) < 0.05  # faces the goal's yaw, but for the initial doubt
+    assert (row.goal[3:] > 0).all()
+    assert navigation.steps == 0 and navigation.episode == 0
+    navigation.reset()
+    assert navigation.episode == 1
+
+
+def test_goal_in_robot_with_perfect_localization() -> None:
+    navigation = started(PERFECT)
+    world = navigation.world
+    navigation.step(0.2, 0.6)
+    x, y, yaw = world.pose_true
+    dx, dy = world.goal - (x, y)
+    expected = [
+        math.cos(yaw) * dx + math.sin(yaw) * dy,
+        math.cos(yaw) * dy - math.sin(yaw) * dx,
+        -0.24,
+    ]
+    np.testing.assert_allclose(navigation.observation.goal[:3], expected, atol=1e-5)
+    assert not navigation.observation.goal[3:].any()
+
+
+def test_goal_never_depends_on_the_truth() -> None:
+    navigation = started()
+    navigation.step(0.2, 0.3)
+    before = navigation.observation.copy()
+    navigation.world.pose_true += [1.0, -0.7, 0.8]
+    navigation._observe()
+    np.testing.assert_array_equal(navigation.observation.goal, before.goal)
+    navigation.localization.pose_estimated[:] += [0.5, 0.0, 0.1]
+    navigation._observe()
+    assert np.abs(navigation.observation.goal[:3] - before.goal[:3]).max() > 0.05
+
+
+def test_people_are_seen_relative_to_the_true_robot() -> None:
+    navigation = started()
+    world = navigation.world
+    world.pose_true[:] = [*(world.pedestrian_position[0] - [1.0, 0.0]), 0.0]
+    navigation.localization.pose_estimated[:] += 5.0
+    navigation._observe()
+    rows = navigation.observation.pedestrians[: int(navigation.observation.pedestrian_count)]
+    expected = [1.0, 0.0, *world.pedestrian_velocity[0]]
+    assert np.abs(rows - expected).max(axis=1).min() < 1e-6
+
+
+def test_sensing_within_a_step() -> None:
+    navigation = started()
+    world, calls = navigation.world, []
+    tick, scan_sparse = world.tick, world.scan_sparse
+    world.tick = lambda: calls.append("tick") or tick()
+    world.scan_sparse = lambda stride: calls.append(stride) or scan_sparse(stride)
+    world.scan = lambda: world.scan_sparse(1)
+    heard = []
+    update = navigation.localization.update
+    navigation.localization.update = lambda *a: heard.append([x.copy() for x in a]) or update(*a)
+    navigation.step(0.2, 0.0)
+    assert calls == ["tick", 12] * 3 + ["tick", 1]
+    assert len(heard) == 4
+    odometry, ranges, bearings = heard[-1]
+    assert ranges.shape == bearings.shape == (60,)
+    np.testing.assert_array_equal(ranges, navigation.scan[:720:12])
+    assert bearings[0] == pytest.approx(-math.pi / 2)
+    assert bearings[1] - bearings[0] == pytest.approx(math.pi / 60, abs=1e-6)
+    assert odometry[0] > heard[0][0][0] > 0.0
+
+
+class Script:
+    """Overrides what a navigation's world and localization report."""
+
+    def __init__(self, collide=False, offset=(0.0, 0.0, 0.0), at_goal=False) -> None:
+        self.navigation = started(PERFECT)
+        world, belief = self.navigation.world, self.navigation.localization
+        if collide:
+            world.tick = lambda: True
+        truth_to = belief.set_truth
+        belief.set_truth = lambda pose: truth_to(pose + np.array(offset))
+        if at_goal:
+            world.goal[:] = world.pose_true[:2] + np.array(offset[:2]) + [0.2, 0.2]
+
+    def step(self) -> Transition:
+        return self.navigation.step(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "told, outcome, paid",
+    [
+        (dict(collide=True), "collided", {"collide": -800.0}),
+        (dict(offset=(2.1, 0.0, 0.0)), "lost", {"lost": -500.0}),
+        (dict(offset=(0.0, 0.0, -0.8)), "lost", {"lost": -500.0}),
+        (dict(at_goal=True), "arrived", {"arrive": 500.0}),
+        (dict(offset=(1.9, 0.0, 0.7), at_goal=True), "arrived", {"arrive": 500.0}),
+        (
+            dict(collide=True, offset=(0.0, 2.5, 0.0), at_goal=True),
+            "collided",
+            {"collide": -800.0, "lost": -500.0, "arrive": 500.0},
+        ),
+        (
+            dict(offset=(0.0, 2.5, 0.0), at_goal=True),
+            "lost",
+            {"lost": -500.0, "arrive": 500.0},
+        ),
+    ],
+)
+def test_ends_and_their_order(told: dict, outcome: str, paid: dict[str, float]) -> None:
+    script = Script(**told)
+    transition = script.step()
+    assert transition.terminated and not transition.truncated
+    record = transition.record
+    assert record is not None and record.outcome == outcome and record.steps == 1
+    for part in ("collide", "lost", "arrive"):
+        assert record.reward_parts[part] == paid.get(part, 0.0)
+    assert transition.reward == pytest.approx(sum(record.reward_parts.values()))
+    assert record.episode_return == pytest.approx(transition.reward)
+    assert script.navigation.snapshot().outcome == outcome
+    with pytest.raises(RuntimeError, match="reset"):
+        script.step()
+
+
+def test_being_at_the_goal_without_believing_it_is_no_arrival() -> None:
+    script = Script(offset=(1.5, 0.0, 0.0))
+    script.navigation.world.goal[:] = script.navigation.world.pose_true[:2]
+    assert script.step().record is None
+
+
+def test_collision_ends_the_step_at_once() -> None:
+    script = Script(collide=True)
+    ticks = []
+    script.navigation.world.tick = lambda: ticks.append(1) or len(ticks) == 2
+    scans = []
+    scan = script.navigation.world.scan
+    script.navigation.world.scan = lambda: scans.append(len(ticks)) or scan()
+    assert script.step().record is not None
+    assert len(ticks) == 2 and scans == [2]  # the full scan is taken where it happened
+
+
+def test_time_limit_truncates() -> None:
+    navigation = started(made_config(localization={"kind": "perfect"}, task={"time_limit": 1.0}))
+    assert navigation.steps_limit == 3
+    assert [navigation.step(0.0, 0.3).record for _ in range(2)] == [None, None]
+    transition = navigation.step(0.0, 0.3)
+    assert transition.truncated and not transition.terminated
+    assert transition.record is not None and transition.record.outcome == "timeout"
+    assert transition.record.time == pytest.approx(1.2)
+
+
+def test_record_measures_the_true_path_and_mean_errors() -> None:
+    navigation = started(made_config(localization={"kind": "perfect"}, task={"time_limit": 1.6}))
+    truth_to = navigation.localization.set_truth
+    navigation.localization.set_truth = lambda pose: truth_to(pose + np.array([0.3, 0.4, -0.1]))
+    for _ in range(4):
+        record = navigation.step(0.2, 0.9).record
+    assert record is not None
+    assert record.distance == pytest.approx(0.32, abs=1e-3)
+    assert record.position_error == pytest.approx(0.5)
+    assert record.angle_error == pytest.approx(0.1)
+    assert record.variance_sum == 0.0
+    assert record.reward_parts["pose"] == pytest.approx(-400 * math.hypot(0.5, 0.1))
+    assert record.reward_parts["step"] == -20.0
+
+
+def test_driving_to_the_goal_pays() -> None:
+    navigation = started(PERFECT)
+    world = navigation.world
+    dx, dy = world.goal - world.pose_true[:2]
+    world.pose_true[2] = math.atan2(dy, dx)
+    toward = navigation.step(0.6, 0.0)
+    assert toward.parts[0] == pytest.approx(200 * 0.24, rel=0.01)
+    world.pose_true[2] += math.pi
+    assert navigation.step(0.6, 0.0).parts[0] < -40
+
+
+def test_snapshot_shares_nothing_and_draws() -> None:
+    navigation = started()
+    navigation.step(0.2, 0.3)
+    before = navigation.snapshot()
+    kept = pickle.dumps(before)
+    navigation.step(0.2, 0.3)
+    assert pickle.dumps(before) == kept
+    after = navigation.snapshot()
+    assert after.path.shape == after.path_estimated.shape == (3, 2)
+    np.testing.assert_array_equal(after.path[-1], after.pose_true[:2])
+    assert after.scan.shape == (720,) and after.particles.shape[1] == 3
+    assert len(after.leg_position) == 2 * len(after.pedestrian_position) >= 8
+    assert render_snapshot(after).shape == (200, 280, 3)
+
+
+def test_a_place_without_people() -> None:
+    scenario = {**SCENARIO, "pedestrians": {"count": [0, 0]}}
+    config = made_config(scenario=scenario)
+    navigation = Navigation(*build_surroundings(config), config, 0)
+    navigation.reset()
+    navigation.step(0.2, 0.0)
+    assert navigation.observation.pedestrian_count == 0
+    assert not navigation.observation.pedestrians.any()
+    assert navigation.snapshot().leg_position.shape == (0, 2)

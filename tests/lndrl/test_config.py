@@ -1,0 +1,196 @@
+"""The run's configuration: files, overrides, refusals, and the numbers that were published."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, parse_config
+from lndrl.errors import UserError
+
+SCENARIO = {
+    "name": "room",
+    "size": [10.0, 6.0],
+    "pedestrians": {"count": [0, 0]},
+    "robot": [{"start": [1, 1, 2, 2], "goal": [8, 4, 9, 5]}],
+}
+
+
+@pytest.fixture
+def config_file(tmp_path: Path) -> Path:
+    path = tmp_path / "run.yaml"
+    path.write_text(yaml.safe_dump({"scenario": SCENARIO, "seed": 5, "ppo": {"epochs": 3}}))
+    return path
+
+
+def refusal(path: Path, *overrides: str) -> str:
+    with pytest.raises(UserError) as caught:
+        load_config(path, overrides)
+    # Every refusal says where: the file, or the option that changed it.
+    assert str(path) in str(caught.value) or "--set" in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_file_is_read(config_file: Path) -> None:
+    config = load_config(config_file)
+    assert (config.seed, config.ppo.epochs, config.scenario.name) == (5, 3, "room")
+    assert config.ppo.gamma == 0.99
+
+
+def test_yaml_round_trip(config_file: Path, tmp_path: Path) -> None:
+    config = load_config(config_file, ["task.reward.step=-4", "ppo.minibatch_size=null"])
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(config.to_yaml())
+    assert load_config(copy) == config
+    assert load_config(copy).to_yaml() == config.to_yaml()
+
+
+def test_plain_data_round_trip(config_file: Path) -> None:
+    config = load_config(config_file)
+    assert parse_config(config.model_dump(mode="json"), "a learner") == config
+    assert parse_config(config.model_dump(mode="python"), "a learner") == config
+
+
+def test_overrides_have_yaml_values(config_file: Path) -> None:
+    config = load_config(
+        config_file,
+        [
+            "seed=9",
+            "ppo.clip=1e-1",
+            "ppo.minibatch_size=null",
+            "ppo.normalize_advantages=false",
+            "world.laser.beams=36",
+            "task.linear_velocities=[0.0, 0.5]",
+            "localization.kind=perfect",
+        ],
+    )
+    assert config.seed == 9
+    assert config.ppo.clip == 0.1
+    assert config.ppo.minibatch_size is None
+    assert config.ppo.normalize_advantages is False
+    assert config.world.laser.beams == 36
+    assert config.task.linear_velocities == [0.0, 0.5]
+    assert config.localization.kind == "perfect"
+
+
+def test_the_last_override_wins(config_file: Path) -> None:
+    assert load_config(config_file, ["seed=1", "seed=2"]).seed == 2
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("ppo.epoch=4", "unknown key ppo.epoch; did you mean epochs?"),
+        ("pppo.epochs=4", "unknown key pppo; did you mean ppo?"),
+        ("world.laser.beam=4", "unknown key world.laser.beam; did you mean beams?"),
+        ("ppo.epochs", "must be key=value, e.g. ppo.epochs=4"),
+        ("=4", "must be key=value"),
+        ("seed.more=4", "seed holds a value, not keys"),
+        ("ppo.epochs=[1", "is not a YAML value"),
+        ("ppo.epochs=many", "ppo.epochs = 'many'"),
+        ("ppo.epochs=0", "ppo.epochs = 0: input should be greater than or equal to 1"),
+        ("ppo.gamma=1.5", "ppo.gamma = 1.5: input should be less than or equal to 1"),
+        ("ppo.actor_learning_rate=-1", "ppo.actor_learning_rate = -1"),
+        ("ppo.dual_clip=0.5", "ppo.dual_clip = 0.5"),
+        ("ppo.clip=.nan", "ppo.clip = nan"),
+        ("world.tick=.inf", "world.tick = inf"),
+        ("seed=-1", "seed = -1"),
+        ("learner.mode=fast", "input should be 'async' or 'lockstep'"),
+        ("localization.min_particles=9000", "min_particles must not exceed max_particles"),
+        ("world.laser.z_hit=0.5", "z_hit + z_short + z_max + z_rand must be 1, not 0.52"),
+        ("scenario=hybird", "scenario 'hybird' is unknown"),
+        ("scenario=null", "scenario is missing"),
+    ],
+)
+def test_refusals_of_overrides(config_file: Path, override: str, sentence: str) -> None:
+    assert sentence in refusal(config_file, override)
+
+
+def test_refusals_of_files(tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text("seed: 1\n")
+    assert "scenario is missing" in refusal(path)
+    path.write_text("scenario: 3\n")
+    assert "scenario = 3" in refusal(path)
+    path.write_text("scenario: other.yaml\n")
+    assert "other.yaml: no such file" in refusal(path)
+
+
+def test_a_scenario_file_lies_beside_the_configuration(tmp_path: Path) -> None:
+    (tmp_path / "room.yaml").write_text(yaml.safe_dump(SCENARIO))
+    path = tmp_path / "run.yaml"
+    path.write_text("scenario: room.yaml\n")
+    assert load_config(path).scenario.size == (10.0, 6.0)
+
+
+def test_the_hash_is_of_the_values(config_file: Path, tmp_path: Path) -> None:
+    config = load_config(config_file)
+    copy = tmp_path / "copy.yaml"
+    copy.write_text("# another text\n" + config.to_yaml())
+    assert load_config(copy).content_hash() == config.content_hash()
+    changed = {
+        load_config(config_file, [override]).content_hash()
+        for override in ("seed=6", "ppo.clip=0.3", "world.crowd.see_robot=false")
+    }
+    assert len(changed | {config.content_hash()}) == 4
+    assert len(config.content_hash()) == 12
+
+
+def test_defaults_are_the_published_ones(config_file: Path) -> None:
+    config = load_config(config_file)
+    assert len(config.task.linear_velocities) * len(config.task.angular_velocities) == 28
+    assert config.task.reward.model_dump() == {
+        "approach": 200.0,
+        "pose": 400.0,
+        "arrive": 500.0,
+        "collide": -800.0,
+        "lost": -500.0,
+        "step": -5.0,
+    }
+    assert config.world.tick * config.world.ticks_per_step == pytest.approx(0.4)
+    laser, amcl = config.world.laser, config.localization
+    assert (laser.beams, laser.range_max, laser.sigma_hit) == (720, 12.0, 0.02)
+    assert (amcl.min_particles, amcl.max_particles, amcl.laser_max_beams) == (500, 2000, 60)
+    assert (amcl.kld_err, amcl.kld_z) == (0.05, 0.99)
+    assert (amcl.recovery_alpha_slow, amcl.recovery_alpha_fast) == (0.001, 0.1)
+
+
+def test_paper_yaml_has_the_published_numbers() -> None:
+    config = load_config(REPOSITORY_CONFIGS / "paper.yaml")
+    assert config.ppo.model_dump() == {
+        "actor_learning_rate": 5e-5,
+        "critic_learning_rate": 1e-3,
+        "learning_rate_schedule": "constant",
+        "gamma": 0.99,
+        "gae_lambda": 0.95,
+        "clip": 0.2,
+        "dual_clip": 3.0,
+        "epochs": 10,
+        "batch_size": 1024,
+        "minibatch_size": None,
+        "entropy": 0.0,
+        "value_loss": 0.5,
+        "gradient_norm": 0.5,
+        "joint_gradient_norm": True,
+        "normalize_advantages": False,
+        "target_kl": None,
+        "reward_scale": 1.0,
+        "bootstrap_truncated": False,
+        "max_importance": 10.0,
+        "adam_eps": 1e-8,
+    }
+    assert config.learner.total_steps == 1_200_000
+    assert config.actor.count * config.actor.worlds == 8
+    assert config.network.pooling == "max"
+    assert config.scenario.name == "hybrid"
+
+
+def test_both_configurations_share_world_and_task() -> None:
+    """The two differ in how they learn, never in what is learned."""
+    ours = load_config(REPOSITORY_CONFIGS / "lndrl.yaml")
+    paper = load_config(REPOSITORY_CONFIGS / "paper.yaml")
+    for part in ("scenario", "world", "localization", "task"):
+        assert getattr(ours, part) == getattr(paper, part), part
+    assert isinstance(ours, RunConfig)

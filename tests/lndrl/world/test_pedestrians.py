@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from lndrl.config import CrowdConfig
+from lndrl.maps import distance_field
+from lndrl.world.pedestrians import GAIT, ORCA, SFM, Crowd
+
+RESOLUTION = 0.05
+FAR_ROBOT = np.array([9.0, 9.0, 0.0])
+STILL = np.zeros(2)
+
+
+def field_with_wall():
+    occupied = np.zeros((200, 200), dtype=bool)
+    occupied[:2] = occupied[-2:] = True
+    occupied[:, :2] = occupied[:, -2:] = True
+    occupied[100:104, 40:160] = True  # y 5.0 .. 5.2, x 2 .. 8
+    return distance_field(occupied, RESOLUTION)
+
+
+FIELD = field_with_wall()
+
+
+def crowd_of(routes, models, shuttle=False, config=None):
+    crowd = Crowd(len(routes), 4, config or CrowdConfig(), 0.1)
+    crowd.count = len(routes)
+    for i, (route, model) in enumerate(zip(routes, models, strict=True)):
+        crowd.route[i, : len(route)] = route
+        crowd.route_length[i] = len(route)
+        crowd.target[i] = 1
+        crowd.position[i] = route[0]
+        crowd.model[i] = model
+        crowd.shuttle[i] = shuttle
+    crowd.place_legs()
+    return crowd
+
+
+def advance(crowd, ticks, robot=FAR_ROBOT, command=STILL):
+    for _ in range(ticks):
+        crowd.advance(robot, command, FIELD, 1.0 / RESOLUTION)
+
+
+@pytest.mark.parametrize("model", [ORCA, SFM])
+def test_a_lone_pedestrian_walks_its_waypoints_and_stays(model):
+    crowd = crowd_of([[(1.0, 1.0), (4.0, 1.0), (4.0, 3.0)]], [model])
+    advance(crowd, 50)
+    # The social force keeps away from the wall at y = 0.1, ORCA does not know it.
+    drift = 0.05 if model == ORCA else 0.5
+    assert crowd.target[0] == 1 and crowd.position[0, 1] == pytest.approx(1.0, abs=drift)
+    speed = np.hypot(*crowd.velocity[0])
+    assert 0.4 < speed <= 0.5 + 1e-9
+    advance(crowd, 150)
+    assert crowd.position[0] == pytest.approx([4.0, 3.0], abs=0.25)
+    assert crowd.target[0] == 2
+    assert np.hypot(*crowd.velocity[0]) < 0.25
+
+
+def test_a_shuttle_turns_around_at_both_ends():
+    crowd = crowd_of([[(1.0, 1.0), (2.5, 1.0), (2.5, 2.5)]], [ORCA], shuttle=True)
+    visits = []
+    for _ in range(300):
+        advance(crowd, 1)
+        for name, end in (("start", (1.0, 1.0)), ("goal", (2.5, 2.5))):
+            near = np.hypot(*(crowd.position[0] - end)) < 0.25
+            if near and (not visits or visits[-1] != name):
+                visits.append(name)
+    assert visits[:4] == ["start", "goal", "start", "goal"]
+
+
+@pytest.mark.parametrize("model", [ORCA, SFM])
+def test_nobody_enters_a_wall(model):
+    # The goal lies behind a wall: they must stop or slide, never enter.
+    crowd = crowd_of([[(x, 3.0), (x + 0.7, 8.0)] for x in (3.0, 4.5, 6.0)], [model] * 3)
+    for _ in range(300):
+        advance(crowd, 1)
+        assert (crowd.position[:3, 1] <= 5.0 - 0.2 + 1e-6).all()
+
+
+def test_pedestrians_give_way_to_the_robot_only_when_they_see_it():
+    for model in (ORCA, SFM):
+        offsets = []
+        for see in (True, False):
+            config = CrowdConfig(see_robot=see, orca_neighbor_distance=3.0, orca_radius=0.3)
+            crowd = crowd_of([[(1.0, 2.0), (7.0, 2.0)]], [model], config=config)
+            aside = 0.0
+            for _ in range(100):
+                advance(crowd, 1, np.array([4.0, 1.95, 0.0]))
+                aside = max(aside, abs(crowd.position[0, 1] - 2.0))
+            offsets.append(aside)
+        assert offsets[0] > 0.1
+        assert offsets[0] > offsets[1] + 0.08
+
+
+def test_order_of_pedestrians_does_not_matter():
+    rng = np.random.default_rng(3)
+    routes = [[tuple(rng.uniform(1, 4, 2)), tuple(rng.uniform(1, 4, 2))] for _ in range(8)]
+    models = list(rng.integers(0, 2, 8))
+    forward = crowd_of(routes, models)
+    backward = crowd_of(routes[::-1], models[::-1])
+    advance(forward, 20)
+    advance(backward, 20)
+    assert forward.position[:8] == pytest.approx(backward.position[:8][::-1], abs=1e-6)
+
+
+def test_gait_goes_through_eight_phases_with_legs_mirrored():
+    assert GAIT.tolist() == [0, 0.5, 1, 0.5, 0, -0.5, -1, -0.5]
+    crowd = crowd_of([[(2.0, 3.0), (8.0, 3.0)]], [ORCA])
+    crowd.heading[0] = np.pi / 2  # facing +y: left is -x
+    for phase in range(16):
+        crowd.travelled[0] = (phase + 0.01) * 0.3
+        crowd.place_legs()
+        forward = 0.3 * GAIT[phase % 8]
+        assert crowd.legs[0] == pytest.approx([2.0 - 0.1, 3.0 - forward])  # left
+        assert crowd.legs[1] == pytest.approx([2.0 + 0.1, 3.0 + forward])  # right
+
+
+def test_the_phase_advances_every_step_length_walked_and_rests_when_standing():
+    crowd = crowd_of([[(1.0, 2.0), (5.0, 2.0)]], [ORCA])
+    advance(crowd, 10)
+    walked = crowd.position[0, 0] - 1.0
+    assert crowd.travelled[0] == pytest.approx(walked, abs=1e-9)
+    advance(crowd, 300)
+    legs = crowd.legs.copy()
+    advance(crowd, 20)
+    assert crowd.legs == pytest.approx(legs, abs=0.05)
+
+
+def test_legs_follow_the_walking_direction():
+    crowd = crowd_of([[(5.0, 1.0), (1.0, 1.0)]], [ORCA])
+    advance(crowd, 5)
+    assert abs(crowd.heading[0]) == pytest.approx(np.pi, abs=1e-6)
+    left, right = crowd.legs[:2]
+    assert left[1] - right[1] == pytest.approx(-0.2, abs=1e-6)  # walking -x: left is -y
