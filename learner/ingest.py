@@ -231,4 +231,3 @@ class Ingest:
             reason=reason,
             done=self.done,
         )
-

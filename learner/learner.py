@@ -240,4 +240,3 @@ def _history_row(row: dict[str, Any]) -> dict[str, Any]:
         "entropy": row["ppo"].get("entropy"),
         "lag": row["lag"]["mean"],
     }
-

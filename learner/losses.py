@@ -45,9 +45,7 @@ def policy_loss(
     log_prob = log_probabilities.gather(1, action.unsqueeze(1)).squeeze(1)
     log_ratio = log_prob - proximal_log_prob
     ratio = log_ratio.exp()
-    surrogate = torch.minimum(
-        ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage
-    )
+    surrogate = torch.minimum(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
     if dual_clip is not None:
         floor = dual_clip * advantage
         surrogate = torch.where(advantage < 0, torch.maximum(surrogate, floor), surrogate)

@@ -81,6 +81,4 @@ class StatusThread:
             self._publish()
 
     def _publish(self) -> None:
-        self._learner.endpoint.publish_status(
-            snapshot(self._learner), list(self._learner.history)
-        )
+        self._learner.endpoint.publish_status(snapshot(self._learner), list(self._learner.history))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -150,8 +151,8 @@ class PPO:
                 self.policy_optimizer.zero_grad(set_to_none=False)
                 self.value_optimizer.zero_grad(set_to_none=False)
                 (loss, numbers), value = self._together(
-                    lambda rows=rows: self._policy_backward(batch, proximal, advantage, rows),
-                    lambda rows=rows: self._value_backward(batch, target, rows),
+                    partial(self._policy_backward, batch, proximal, advantage, rows),
+                    partial(self._value_backward, batch, target, rows),
                 )
                 norm = self._clip([self.policy, self.value], loss + value)
                 self._together(self.policy_optimizer.step, self.value_optimizer.step)
@@ -245,9 +246,7 @@ class PPO:
 
     def _clip(self, networks: list[NavigationNetwork], loss: float) -> float:
         parameters = [p for network in networks for p in network.parameters()]
-        norm = float(
-            torch.nn.utils.clip_grad_norm_(parameters, self.config.ppo.gradient_norm)
-        )
+        norm = float(torch.nn.utils.clip_grad_norm_(parameters, self.config.ppo.gradient_norm))
         if not (np.isfinite(norm) and np.isfinite(loss)):
             raise DivergedError(f"loss {loss:g} with gradient norm {norm:g}")
         return norm

@@ -198,9 +198,9 @@ class PPOConfig(Model):
     target_kl: Positive | None = Field(None, description="stop the epochs beyond this")
     reward_scale: Positive = Field(0.01, description="factor on rewards inside the learner")
     reward_limit: Positive | None = Field(
-        None, description="scaled rewards are clipped to +-this: a belief that jumps costs k_p per m"
+        None, description="scaled rewards, clipped to +- this; a belief that jumps costs k_p per m"
     )
-    bootstrap_truncated: bool = Field(True, description="False: a timeout counts as an end (GROUP)")
+    bootstrap_truncated: bool = Field(True, description="else a timeout is an end (GROUP)")
     max_importance: Positive = Field(10.0, description="cap of the behaviour correction")
     adam_eps: Positive = 1e-5
 

@@ -31,9 +31,7 @@ def measure(seconds: float) -> dict[str, Any]:
     generator = np.random.default_rng(0)
     advantage, target = generator.normal(size=(2, _SAMPLES)).astype(np.float32)
     try:
-        once = median_seconds(
-            lambda: ppo.train(batch, batch.log_prob, advantage, target), seconds
-        )
+        once = median_seconds(lambda: ppo.train(batch, batch.log_prob, advantage, target), seconds)
     finally:
         ppo.close()
     return {

@@ -38,9 +38,8 @@ class PolicyRunner:
         Sampled by the Gumbel trick from ``rng``, or the most likely ones when ``greedy``.
         """
         log_probabilities = self.log_probabilities(observation)
-        scores = log_probabilities
-        if not greedy:
-            scores = scores + rng.gumbel(size=scores.shape)
+        noise = 0.0 if greedy else rng.gumbel(size=log_probabilities.shape)
+        scores = log_probabilities + noise
         action = scores.argmax(axis=1)
         chosen = np.take_along_axis(log_probabilities, action[:, None], axis=1)[:, 0]
         return action.astype(np.uint8), chosen

@@ -120,7 +120,9 @@ class GatherPool(Function):
         (gradient,) = gradients
         values, pooled = ctx.saved_tensors
         out = torch.empty_like(values)
-        _unpool(gradient.contiguous().numpy(), values.numpy(), pooled.numpy(), ctx.index, out.numpy())
+        _unpool(
+            gradient.contiguous().numpy(), values.numpy(), pooled.numpy(), ctx.index, out.numpy()
+        )
         return out, None
 
 

@@ -207,11 +207,17 @@ def _structure(pedestrians, counts, size, extent, radius):
                         inside = 0 <= yy < size and 0 <= xx < size
                         patches[r1 + c, channel * 9 + k] = image[channel, yy, xx] if inside else 0.0
             r1 += count
-            pool1, b1, n_blocks = _add_blocks(cells, count, size, index1, block1, pool1, b1, 1, blocks)
+            pool1, b1, n_blocks = _add_blocks(
+                cells, count, size, index1, block1, pool1, b1, 1, blocks
+            )
             conv2, r2, count = _add_conv(blocks, n_blocks, s2, block1, index2, conv2, r2, 1, cells)
-            pool2, b2, n_blocks = _add_blocks(cells, count, s2, index2, block2, pool2, b2, 3, blocks)
+            pool2, b2, n_blocks = _add_blocks(
+                cells, count, s2, index2, block2, pool2, b2, 3, blocks
+            )
             conv3, r3, count = _add_conv(blocks, n_blocks, s3, block2, index3, conv3, r3, 3, cells)
-            pool3, b3, n_blocks = _add_blocks(cells, count, s3, index3, block3, pool3, b3, 5, blocks)
+            pool3, b3, n_blocks = _add_blocks(
+                cells, count, s3, index3, block3, pool3, b3, 5, blocks
+            )
         for y in range(s4):
             for x in range(s4):
                 active = block3[y, x]

@@ -11,7 +11,7 @@ from rich.text import Text
 from lndrl.transport.status import HistoryRow, Status
 from lndrl.view import panels
 from lndrl.view.panels import Panel
-from lndrl.view.text import MISSING, duration, fit, number
+from lndrl.view.text import MISSING, duration, fit, number, styled
 from lndrl.view.verdict import headline
 
 NARROWEST = 40
@@ -98,21 +98,19 @@ def _share_rows(left: int, actors: int, events: int) -> tuple[int, int]:
 def _frame(panel: Panel, width: int, boxed: bool) -> list[Text]:
     """The panel's lines between borders, or under a ruled title."""
     left, line, right = ("╭─ ", "─", "─╮") if boxed else ("", "─", "")
-    title = Text(left, style="dim").append(panel.title, style="bold not dim").append(" ")
-    note = Text(f" {panel.note} " if panel.note and boxed else f" {panel.note}", style="dim")
-    note = (note if panel.note else Text("")).append(right, style="dim")
+    title = styled(left, "dim").append(panel.title, style="bold").append(" ")
+    words = f" {panel.note}{' ' if boxed else ''}" if panel.note else ""
+    note = styled(words + right, "dim")
     room = width - title.cell_len - note.cell_len
     if room < 1:
-        note, room = Text(right, style="dim"), width - title.cell_len - len(right)
+        note, room = styled(right, "dim"), width - title.cell_len - len(right)
     title.append(line * max(room, 0), style="dim").append_text(note)
     if not boxed:
         return [fit(title, width), *panel.lines]
-    body = [
-        Text("│ ", style="dim").append_text(row).append(" │", style="dim") for row in panel.lines
-    ]
+    body = [styled("│ ", "dim").append_text(row).append(" │", style="dim") for row in panel.lines]
     for row in body:
         row.no_wrap = True
-    bottom = Text(f"╰{'─' * (width - 2)}╯", style="dim", no_wrap=True)
+    bottom = styled(f"╰{'─' * (width - 2)}╯", "dim")
     return [fit(title, width), *body, bottom]
 
 

@@ -47,24 +47,31 @@ class Keys:
 def key_presses(stream: TextIO | None = None) -> Iterator[Keys]:
     """Keys of ``stream`` (stdin) without Enter and echo; the terminal always gets its mode back."""
     stream = stream or sys.stdin
-    try:
-        import termios
-        import tty
+    before = _mode(stream)
+    if before is None:
+        yield Keys(None)
+        return
+    import termios
+    import tty
 
-        descriptor = stream.fileno()
-        before = termios.tcgetattr(descriptor)
-    except (ImportError, AttributeError, OSError, ValueError):
-        yield Keys(None)
-        return
-    except termios.error:
-        yield Keys(None)
-        return
     try:
         # cbreak, not raw: Ctrl-C stays a signal and line ends stay line ends.
-        tty.setcbreak(descriptor)
+        tty.setcbreak(stream.fileno())
         yield Keys(stream)
     finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        termios.tcsetattr(stream.fileno(), termios.TCSADRAIN, before)
+
+
+def _mode(stream: TextIO) -> list[Any] | None:
+    """The terminal's mode, None where ``stream`` is no terminal (or the system has no termios)."""
+    try:
+        import termios
+    except ImportError:
+        return None
+    try:
+        return termios.tcgetattr(stream.fileno())
+    except (AttributeError, OSError, ValueError, termios.error):
+        return None
 
 
 def show_live(feed: Feed, console: Console) -> None:

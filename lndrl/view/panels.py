@@ -13,7 +13,6 @@ from lndrl.transport.status import ActorStatus, HistoryRow, Status
 from lndrl.view.health import LABELS, SHORT_LABELS, Finding, findings
 from lndrl.view.palette import (
     BAD,
-    BLUE,
     GOOD,
     GREEN,
     ORANGE,
@@ -38,6 +37,7 @@ from lndrl.view.text import (
     progress_bar,
     sparkline,
     stacked_bar,
+    styled,
     wrap,
 )
 from lndrl.view.verdict import STALE_AFTER, headline
@@ -72,10 +72,10 @@ class Panel:
 def header(status: Status, width: int, stale_age: float) -> Panel:
     """Verdict, progress, rates and where the learner's time goes."""
     verdict = headline(status, stale_age)
-    word = Text(f"{verdict.mark} {verdict.word.upper()}", style=f"bold {verdict.colour}")
+    word = styled(f"{verdict.mark} {verdict.word.upper()}", f"bold {verdict.colour}")
     sentence = wrap(verdict.sentence, width - word.cell_len - 2, limit=1)[0]
     if word.cell_len + 2 + len(verdict.sentence) <= width:
-        lines = [word.append("  ").append(sentence, style="default not bold")]
+        lines = [word.append("  ").append(sentence, style="default")]
     else:
         lines = [word, *(Text(f"  {line}") for line in wrap(verdict.sentence, width - 2, 2))]
     age = f"updated {duration(stale_age)} ago" if stale_age > STALE_AFTER else ""
@@ -88,21 +88,21 @@ def header(status: Status, width: int, stale_age: float) -> Panel:
 
 def _progress(status: Status, width: int, colour: str) -> Text:
     share = status.steps / status.total_steps if status.total_steps else 0.0
-    words = Text(f"  {100 * min(share, 1):.1f} %", style="bold")
-    words.append(f"  {status.steps:,} of {status.total_steps:,} steps", style="not bold")
+    words = styled(f"  {100 * min(share, 1):.1f} %", "bold")
+    words.append(f"  {status.steps:,} of {status.total_steps:,} steps", style="default")
     return progress_bar(share, max(width - words.cell_len, 4), colour).append_text(words)
 
 
 def _rates(status: Status, width: int) -> list[Text]:
     rate = status.rate
-    speeds = Text(f"{number(rate.seconds_10)}", style="bold")
+    speeds = styled(f"{number(rate.seconds_10)}", "bold")
     speeds.append(
-        f" · {number(rate.seconds_60)} · {number(rate.seconds_300)} steps/s", style="not bold"
+        f" · {number(rate.seconds_60)} · {number(rate.seconds_300)} steps/s", style="default"
     )
     if width >= 70:
-        speeds.append("  over 10 · 60 · 300 s", style="dim not bold")
+        speeds.append("  over 10 · 60 · 300 s", style="dim")
     done = status.state == "done"
-    eta = Text("finished" if done else f"{duration(status.eta)} left", style="bold")
+    eta = styled("finished" if done else f"{duration(status.eta)} left", "bold")
     lag, dropped = status.lag, status.dropped
     facts = [f"update {status.updates:,}"]
     if lag.mean is not None:
@@ -116,7 +116,7 @@ def _rates(status: Status, width: int) -> list[Text]:
     facts.append(f"queue {status.queue.chunks} ({number(status.queue.megabytes, 2)} MB)")
     while len(facts) > 1 and len(" · ".join(facts)) > width:
         facts.pop()
-    return [beside(speeds, eta, width), Text(" · ".join(facts), style="dim")]
+    return [beside(speeds, eta, width), styled(" · ".join(facts), "dim")]
 
 
 def _time_split(status: Status, width: int) -> list[Text]:
@@ -127,7 +127,7 @@ def _time_split(status: Status, width: int) -> list[Text]:
     legends = []
     for i, (name, share) in enumerate(shares):
         mark, colour = BLOCKS[i % len(BLOCKS)], PART_COLOURS[i % len(PART_COLOURS)]
-        legend = Text(f"{mark} ", style=colour)
+        legend = styled(f"{mark} ", colour)
         words = f"{printable(name)} {100 * share:.0f} %"
         legends.append((share, legend.append(words, style="default")))
     colours = [(s, PART_COLOURS[i % len(PART_COLOURS)]) for i, (_, s) in enumerate(shares)]
@@ -154,7 +154,7 @@ def outcomes(status: Status, history: Sequence[HistoryRow], width: int) -> Panel
         lines.append(_trend(label, value, past, colour, width, lambda v: f"{100 * v:.0f}"))
     returns = [row.mean_return for row in history]
     value = number(episodes.mean_return)
-    lines.append(_trend("  return", value, returns, BLUE, width, lambda v: number(v, 2)))
+    lines.append(_trend("  return", value, returns, SKY, width, lambda v: number(v, 2)))
     facts = [
         f"{episodes.mean_time:.1f} s" if episodes.mean_time is not None else "",
         f"{episodes.mean_distance:.1f} m" if episodes.mean_distance is not None else "",
@@ -162,7 +162,7 @@ def outcomes(status: Status, history: Sequence[HistoryRow], width: int) -> Panel
         if episodes.position_error is not None
         else "",
     ]
-    lines.append(Text("  " + " · ".join(fact for fact in facts if fact), style="dim"))
+    lines.append(styled("  " + " · ".join(fact for fact in facts if fact), "dim"))
     note = f"last {episodes.window:,} of {episodes.count:,} episodes" if episodes.count else ""
     return Panel("outcomes", [fit(line, width) for line in lines], note)
 
@@ -176,12 +176,12 @@ def _trend(
     show: Callable[[float], str],
 ) -> Text:
     """``label  value  sparkline  lowest–highest`` in ``width`` cells."""
-    line = Text(f"{label:<10}", style=colour).append(f"{value:>8}", style="bold default")
+    line = styled(f"{label:<10}", colour).append(f"{value:>8}", style="bold default")
     seen = finite(past)
     span = f"{show(min(seen))} to {show(max(seen))}" if seen else ""
     room = max(width - line.cell_len - 2 - 14, 0)
-    line.append("  ").append(f"{sparkline(past, room):<{room}}", style=f"not bold {colour}")
-    return line.append(f"{span:>14}", style="dim not bold")
+    line.append("  ").append(f"{sparkline(past, room):<{room}}", style=colour)
+    return line.append(f"{span:>14}", style="dim")
 
 
 def ppo(status: Status, width: int, columns: int = 2) -> Panel:
@@ -195,9 +195,9 @@ def ppo(status: Status, width: int, columns: int = 2) -> Panel:
     style = BAD if worst and worst[0].severe else WARNING
     for finding in worst[:3]:
         words = wrap(finding.sentence, width - 2, 2)
-        lines += [Text(f"{'  ' if i else '! '}{line}", style=style) for i, line in enumerate(words)]
+        lines += [styled(f"{'  ' if i else '! '}{line}", style) for i, line in enumerate(words)]
     if not worst and status.updates:
-        lines.append(Text("all in healthy ranges", style="dim"))
+        lines.append(styled("all in healthy ranges", "dim"))
     return Panel("PPO", [fit(line, width) for line in lines], f"update {status.updates:,}")
 
 
@@ -207,19 +207,19 @@ def _measure(status: Status, key: str, finding: Finding | None, width: int) -> T
     mark = "" if finding is None else ("!!" if finding.severe else "!")
     style = "bold" if finding is None else f"bold {BAD if finding.severe else WARNING}"
     label = LABELS[key] if wide else SHORT_LABELS[key]
-    return beside(Text(label, style="dim"), Text(f"{value}{mark:<2}", style=style), width)
+    return beside(styled(label, "dim"), styled(f"{value}{mark:<2}", style), width)
 
 
 def ppo_line(status: Status, width: int) -> Text:
     """The four most telling numbers of the newest update in one line."""
     found = {finding.key: finding for finding in findings(status)}
-    line = Text("PPO", style="bold")
+    line = styled("PPO", "bold")
     for key in ("entropy", "kl", "clip_fraction", "explained_variance"):
         finding = found.get(key)
         style = "default" if finding is None else (BAD if finding.severe else WARNING)
         mark = "" if finding is None else ("!!" if finding.severe else "!")
-        line.append(f"  {SHORT_LABELS[key]} ", style="not bold dim")
-        line.append(f"{number(getattr(status.ppo, key), 2)}{mark}", style=f"not dim {style}")
+        line.append(f"  {SHORT_LABELS[key]} ", style="dim")
+        line.append(f"{number(getattr(status.ppo, key), 2)}{mark}", style=style)
     return fit(line, width)
 
 
@@ -270,7 +270,7 @@ def actors(status: Status, width: int, rows: int) -> Panel:
     counts = [f"{states.count(state)} {state}" for state in dict.fromkeys(reversed(states))]
     note = ", ".join(counts)
     if not listed:
-        return Panel("actors", [fit(Text("none has joined", style="dim"), width)], note)
+        return Panel("actors", [fit(styled("none has joined", "dim"), width)], note)
     columns = _columns(width)
     used = sum(column.width + 2 for column in columns)
     split = width - used if width - used >= SPLIT_ROOM else 0
@@ -281,7 +281,7 @@ def actors(status: Status, width: int, rows: int) -> Panel:
     if rest:
         kinds = list(dict.fromkeys(actor.state for actor in rest))
         words = f"+{len(rest)} more ({', '.join(kinds)})"
-        lines.append(Text(words, style="dim"))
+        lines.append(styled(words, "dim"))
     return Panel("actors", [fit(line, width) for line in lines[: max(rows, 1)]], note)
 
 
@@ -300,7 +300,7 @@ def _columns(width: int) -> list[_Column]:
 
 def _actor_heading(columns: Sequence[_Column], split: int) -> Text:
     words = [f"{c.title:<{c.width}}" if c.left else f"{c.title:>{c.width}}" for c in columns]
-    line = Text("  ".join(words), style="dim")
+    line = styled("  ".join(words), "dim")
     if split:
         line.append("  ")
         for i, name in enumerate(ACTOR_PARTS):
@@ -335,10 +335,10 @@ def events(status: Status, width: int, rows: int) -> Panel:
     lines = []
     for event in status.events[max(len(status.events) - rows, 0) :]:
         clock = time.strftime("%H:%M:%S", time.localtime(event.time))
-        line = Text(f"{clock}  ", style="dim")
+        line = styled(f"{clock}  ", "dim")
         colour = EVENT_COLOURS.get(event.kind.lower(), "default")
-        line.append(f"{printable(event.kind)[:10]:<10}  ", style=f"not dim {colour}")
-        lines.append(line.append(printable(event.text), style="not dim default"))
+        line.append(f"{printable(event.kind)[:10]:<10}  ", style=colour)
+        lines.append(line.append(printable(event.text), style="default"))
     if not lines:
-        lines = [Text("nothing yet", style="dim")]
+        lines = [styled("nothing yet", "dim")]
     return Panel("events", [fit(line, width) for line in lines])

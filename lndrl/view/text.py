@@ -54,6 +54,14 @@ def sparkline(values: Sequence[float | None], width: int) -> str:
     )
 
 
+def styled(words: str, style: str) -> Text:
+    """``words`` in ``style``, ready to be continued in another one.
+
+    Unlike ``Text(words, style=...)``, whose style would reach over all that is appended.
+    """
+    return Text(no_wrap=True).append(words, style=style)
+
+
 def stacked_bar(shares: Sequence[tuple[float, str]], width: int, total: float = 1.0) -> Text:
     """A bar of ``width`` cells split by ``(share, colour)``; the rest up to ``total`` is dotted.
 
@@ -74,7 +82,7 @@ def stacked_bar(shares: Sequence[tuple[float, str]], width: int, total: float = 
 def progress_bar(share: float, width: int, colour: str) -> Text:
     """A thin line, full up to ``share``, in half-cell steps."""
     halves = max(0, min(round(share * width * 2), width * 2))
-    bar = Text("━" * (halves // 2) + "╸" * (halves % 2), style=colour, no_wrap=True)
+    bar = styled("━" * (halves // 2) + "╸" * (halves % 2), colour)
     bar.append("─" * (width - len(bar.plain)), style="dim")
     return bar
 

@@ -141,7 +141,7 @@ def _trace_legs(pose, legs, radius, cosines, sines, geometry, stride, out):
                 along = cosines[k * stride] * x + sines[k * stride] * y
                 inside = radius * radius - (distance2 - along * along)
                 if along > 0.0 and inside >= 0.0:
-                    out[k] = min(out[k], along)
+                    out[k] = min(out[k], along - np.sqrt(inside))
                 k += 1
 
 

@@ -186,13 +186,28 @@ def test_done_ends_the_run(joined):
 def test_stop_ends_the_run_in_mid_chunk(joined):
     learner, actor = joined("async")
     stop = threading.Event()
-    learner.answer = lambda header: (stop.set(), "accepted")[1]
-    thread = threading.Thread(target=actor.run, args=(stop,))
-    thread.start()
-    assert stop.wait(30.0)
-    thread.join(5.0)
-    assert not thread.is_alive()
-    assert not actor.done
+    actor.join()
+    act = actor.rollout.runner.act
+
+    def act_and_stop(*arguments):
+        stop.set()
+        return act(*arguments)
+
+    actor.rollout.runner.act = act_and_stop
+    actor.run(stop)
+    assert learner.headers == [] and not actor.done
+
+
+def test_same_version_of_another_learner_is_other_weights(joined, noting_learner, network):
+    learner, actor = joined("async")
+    actor.run_chunk()
+    learner.endpoint.close()
+    second = noting_learner(learner.config, network.learner())
+    second.publish(0)
+    actor.run_chunk()
+    actor.endpoint.flush(5.0)
+    assert second.versions() == [0]
+    assert second.headers[0].timing["fetch"] > 0
 
 
 @pytest.mark.parametrize("mode", ["async", "lockstep"])

@@ -136,6 +136,8 @@ def forged(head: bytes, tail: bytes = b"") -> bytes:
         msgpack.packb([{}, [["x", "<f8", [0]], ["x", "<f8", [0]]]]),
         msgpack.packb([{}, [[f"x{i}", "|u1", [0]] for i in range(65)]]),
         msgpack.packb([{1: 2}, []]),
+        msgpack.packb([{b"a": 2}, []]),
+        b"\x92\x81\xa1a" + b"\x91" * 40 + b"\xc0\x90",  # forty lists deep
         msgpack.packb([{"t": msgpack.Timestamp(1)}, []]),
         msgpack.packb([{"t": msgpack.ExtType(5, b"x")}, []]),
         msgpack.packb([[], []]),

@@ -28,7 +28,7 @@ def _actor(i: int) -> dict[str, Any]:
     }
 
 
-def _answer(actors: int = 9, events: int = 20, rows: int = 120, **changes: Any) -> dict[str, Any]:
+def _answer(fleet: int = 9, log: int = 20, rows: int = 120, **changes: Any) -> dict[str, Any]:
     history = [
         {
             "time": 1000.0 + i,
@@ -65,7 +65,7 @@ def _answer(actors: int = 9, events: int = 20, rows: int = 120, **changes: Any) 
             "publish": 0.02,
             "checkpoint": 0.01,
         },
-        "actors": [_actor(i) for i in range(actors)],
+        "actors": [_actor(i) for i in range(fleet)],
         "episodes": {
             "count": 5321,
             "window": 500,
@@ -95,7 +95,7 @@ def _answer(actors: int = 9, events: int = 20, rows: int = 120, **changes: Any) 
         "queue": {"chunks": 2, "megabytes": 1.8},
         "events": [
             {"time": 1900.0 + i, "kind": "join", "text": f"event {i} " + "words " * (i % 20)}
-            for i in range(events)
+            for i in range(log)
         ],
         "checkpoint": {"path": "runs/crowd-7/checkpoints/step-000123456", "age": 41.0},
     }

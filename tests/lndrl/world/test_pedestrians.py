@@ -3,6 +3,7 @@ import pytest
 
 from lndrl.config import CrowdConfig
 from lndrl.maps import distance_field
+from lndrl.maps.raycast import sample_field
 from lndrl.world.pedestrians import GAIT, ORCA, SFM, Crowd
 
 RESOLUTION = 0.05
@@ -76,6 +77,16 @@ def test_nobody_enters_a_wall(model):
         assert (crowd.position[:3, 1] <= 5.0 - 0.2 + 1e-6).all()
 
 
+@pytest.mark.parametrize("model", [ORCA, SFM])
+@pytest.mark.parametrize("goal", [(12.0, 12.5), (-3.0, 9.0), (5.5, -2.0), (12.0, 1.0)])
+def test_nobody_is_pushed_into_walls_or_corners(model, goal):
+    crowd = crowd_of([[(8.7, 8.5), goal], [(1.0, 1.2), goal], [(5.0, 5.5), goal]], [model] * 3)
+    for _ in range(250):
+        advance(crowd, 1)
+        room = [sample_field(FIELD, 1.0 / RESOLUTION, *p) for p in crowd.position[:3]]
+        assert min(room) >= 0.2
+
+
 def test_pedestrians_give_way_to_the_robot_only_when_they_see_it():
     for model in (ORCA, SFM):
         offsets = []
@@ -102,16 +113,19 @@ def test_order_of_pedestrians_does_not_matter():
     assert forward.position[:8] == pytest.approx(backward.position[:8][::-1], abs=1e-6)
 
 
-def test_gait_goes_through_eight_phases_with_legs_mirrored():
+@pytest.mark.parametrize("heading", [np.pi / 2, 0.0, 2.5])
+def test_gait_goes_through_eight_phases_with_legs_mirrored(heading):
     assert GAIT.tolist() == [0, 0.5, 1, 0.5, 0, -0.5, -1, -0.5]
     crowd = crowd_of([[(2.0, 3.0), (8.0, 3.0)]], [ORCA])
-    crowd.heading[0] = np.pi / 2  # facing +y: left is -x
+    crowd.heading[0] = heading
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    aside = np.array([-ahead[1], ahead[0]])  # to the left
     for phase in range(16):
         crowd.travelled[0] = (phase + 0.01) * 0.3
         crowd.place_legs()
-        forward = 0.3 * GAIT[phase % 8]
-        assert crowd.legs[0] == pytest.approx([2.0 - 0.1, 3.0 - forward])  # left
-        assert crowd.legs[1] == pytest.approx([2.0 + 0.1, 3.0 + forward])  # right
+        forward = 0.3 * GAIT[phase % 8] * ahead
+        assert crowd.legs[0] == pytest.approx([2.0, 3.0] + 0.1 * aside - forward)
+        assert crowd.legs[1] == pytest.approx([2.0, 3.0] - 0.1 * aside + forward)
 
 
 def test_the_phase_advances_every_step_length_walked_and_rests_when_standing():
