@@ -34,7 +34,7 @@ def render(
 
     ``height`` None takes what it needs. ``stale_age`` (s) is the time since the status was last
     renewed. ``hint`` (keys) stands beside the events. When rows are short, actors and events
-    shrink first, then PPO becomes one line, then the outcomes are left out.
+    shrink first, then PPO becomes one line and goes, then the outcomes go.
     """
     width = max(width, NARROWEST)
     boxed = width >= ROOMY[0] and (height is None or height >= ROOMY[1])
@@ -45,10 +45,11 @@ def render(
         rows = (len(status.actors) + 1, EVENTS_LISTED)
     else:
         least = 3 * (1 + boxed) + 2
-        short = [panels.ppo_line(status, width)]
+        if height - len(top) - sum(map(len, middle)) < least:
+            results = panels.outcomes(status, history, inside)
+            middle = [_frame(results, width, boxed), [panels.ppo_line(status, width)]]
         while middle and height - len(top) - sum(map(len, middle)) < least:
-            # The last block holds PPO: one line stands in for it, then goes as well.
-            middle[-1:] = [short] if middle[-1] is not short else []
+            middle.pop()
         left = height - len(top) - sum(map(len, middle)) - 2 * (1 + boxed)
         rows = _share_rows(left, len(status.actors) + 1, len(status.events))
     lines = top + [line for block in middle for line in block]
@@ -79,6 +80,8 @@ def _middle(
     right = width - gap - left
     first = panels.outcomes(status, history, left - margin)
     second = panels.ppo(status, right - margin)
+    if not boxed:
+        del second.lines[len(first.lines) :]
     rows = max(len(first.lines), len(second.lines))
     for panel, room in ((first, left - margin), (second, right - margin)):
         panel.lines.extend(fit(Text(), room) for _ in range(rows - len(panel.lines)))

@@ -75,7 +75,7 @@ class Finding:
 
 
 def findings(status: Status) -> list[Finding]:
-    """Numbers of the newest update that are not finite or out of range, in LABELS order."""
+    """Numbers of the newest update out of range, worst first; not finite is worst of all."""
     found = []
     for key, label in LABELS.items():
         value = getattr(status.ppo, key)
@@ -94,4 +94,8 @@ def findings(status: Status) -> list[Finding]:
             severe = sign * (value - limit.severe) > 0
             bound = f"{'above' if limit.above else 'below'} {limit.warn:g}"
             found.append(Finding(key, severe, f"{label} {bound}: {limit.meaning}"))
-    return found
+
+    def rank(finding: Finding) -> tuple[bool, bool]:
+        return math.isfinite(getattr(status.ppo, finding.key)), not finding.severe
+
+    return sorted(found, key=rank)

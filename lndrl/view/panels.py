@@ -191,7 +191,7 @@ def ppo(status: Status, width: int, columns: int = 2) -> Panel:
     cells = [_measure(status, key, found.get(key), room) for key in LABELS]
     rows = math.ceil(len(cells) / columns)
     lines = [Text("  ").join(cells[row::rows]) for row in range(rows)]
-    worst = sorted(found.values(), key=lambda finding: not finding.severe)
+    worst = list(found.values())
     style = BAD if worst and worst[0].severe else WARNING
     for finding in worst[:3]:
         words = wrap(finding.sentence, width - 2, 2)

@@ -74,7 +74,7 @@ def _reason(word: str, status: Status) -> str:
     if word == "learner-bound":
         waiting = f", {status.queue.chunks} chunks wait" if status.queue.chunks else ""
         busy = "" if wait is None else f"busy {percent(1 - wait, 0)} of the time"
-        return f"the learner is {busy or 'always busy'}{waiting}; more actors would not help"
+        return f"the learner is {busy or 'always busy'}{waiting}: no more actors needed"
     if word == "actor-bound":
         idle = "" if wait is None else f"waits {percent(wait, 0)} of the time; "
         return f"the learner {idle or 'waits; '}more actors would speed up training"

@@ -50,6 +50,21 @@ def test_actor_table_is_cropped_and_counts_the_rest(answer: Answer) -> None:
     assert f"+{60 - shown} more" in words
 
 
+@pytest.mark.parametrize("width", [60, 80, 100, 120])
+def test_columns_that_do_not_fit_go_whole(answer: Answer, width: int) -> None:
+    lines = drawn(answer(), width, 40)
+    heading = next(line for line in lines if " last ack" in line)
+    assert ("restarts" in heading) == (width >= 60) and ("host" in heading) == (width >= 100)
+    assert any("node-3" in line and "2 min 14 s" in line for line in lines)
+
+
+@pytest.mark.parametrize("size", [(120, 40), (80, 24), (60, 24)])
+def test_warnings_do_not_push_outcomes_out(answer: Answer, size: tuple[int, int]) -> None:
+    sick = {"kl": 0.2, "value_loss": math.nan, "entropy": 0.01, "explained_variance": -3.0}
+    words = "\n".join(drawn(answer(ppo=sick, verdict="learner-bound"), *size))
+    assert "55.2 %" in words and "KL" in words and "!!" in words and "node-3" in words
+
+
 def test_worst_actor_stands_first(answer: Answer) -> None:
     status, _ = parse_reply(answer())
     states = [actor.state for actor in worst_first(status.actors)]
