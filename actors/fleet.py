@@ -79,9 +79,12 @@ class Fleet:
         self._joined = False  # has any worker ever been welcomed
 
     def start(self) -> None:
-        """Spawn all workers."""
-        for slot in self._slots:
-            self._spawn(slot)
+        """Spawn the first worker; ``poll`` spawns the others once it has joined.
+
+        The first one compiles the kernels that a fresh installation lacks; the others find them
+        in the cache and need neither the time nor the memory.
+        """
+        self._spawn(self._slots[0])
 
     def pids(self) -> list[int]:
         """Process ids of the workers that live now, in the order of their index."""
@@ -101,8 +104,10 @@ class Fleet:
                 self._bury(slot)
             if self.error:
                 return 2
-            if not slot.done and slot.process is None and time.monotonic() >= slot.restart_at:
-                self.restarts += 1
+            fresh = slot.started == 0.0
+            due = self._joined if fresh else time.monotonic() >= slot.restart_at
+            if not slot.done and slot.process is None and due:
+                self.restarts += not fresh
                 self._spawn(slot)
         return 0 if all(slot.done for slot in self._slots) else None
 

@@ -19,6 +19,7 @@ from lndrl.navigation import (
     StepResult,
     Trajectory,
     VectorNavigation,
+    build_surroundings,
     final_indices,
 )
 from lndrl.policy import PolicyRunner
@@ -60,10 +61,15 @@ class Rollout:
         self.steps = config.actor.horizon
         self.worlds = worlds or config.actor.worlds
         self.version = -1  # no weights yet
+        surroundings = build_surroundings(config)
         self.environment = VectorNavigation(
-            config, actor_index * WORLDS_PER_ACTOR, self.worlds, first_episode
+            config, actor_index * WORLDS_PER_ACTOR, self.worlds, first_episode, surroundings
         )
         self.runner = PolicyRunner(config, device=device)
+        # Compile every kernel now, on a world that nobody records.
+        scratch = VectorNavigation(config, 0, 1, surroundings=surroundings)
+        self.runner.act(scratch.observation, np.random.default_rng(0))
+        scratch.step(np.zeros(1, np.uint8))
 
     def load(self, version: int, blob: bytes) -> None:
         """Act on weights ``version`` (safetensors bytes) from now on."""

@@ -78,7 +78,7 @@ class Ingest:
         member = self.roster.join(
             hello.actor_id, hello.incarnation, hello.host, hello.pid, hello.worlds
         )
-        self.events.add("join", f"actor {hello.actor_id} with {hello.worlds} worlds")
+        self.events.add("join", f"actor {hello.actor_id} on {hello.host}")
         return Welcome(
             run_id=self.run_id,
             config=self.config.model_dump(mode="json"),

@@ -277,8 +277,9 @@ def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings)
     for i in range(count):
         belief.weights[i] /= total
     # The weights summed to 1, so their new sum is the mean likelihood (Thrun's w_avg). ROS divides
-    # it by the count once more, which mistakes a change of count for a change of fit.
-    follow_average(belief.averages, total, settings.alpha_slow, settings.alpha_fast)
+    # it by the count once more. That belongs to the behaviour that the paper measured: an episode
+    # starts with the most particles, so its slow average starts low, and injection is rare.
+    follow_average(belief.averages, total / count, settings.alpha_slow, settings.alpha_fast)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

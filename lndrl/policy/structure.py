@@ -87,14 +87,26 @@ def _class5(i, size):
     return 2
 
 
+# Loops instead of slices below: numba takes seconds to compile an assignment to a slice.
+
+
 @njit(cache=True, nogil=True)
 def _grow(rows, needed):
     """``rows`` with room for ``needed`` rows, contents kept."""
     if needed <= rows.shape[0]:
         return rows
     larger = np.empty((max(needed, 2 * rows.shape[0]), rows.shape[1]), rows.dtype)
-    larger[: rows.shape[0]] = rows
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            larger[i, j] = rows[i, j]
     return larger
+
+
+@njit(cache=True, nogil=True)
+def _clear(index):
+    for y in range(index.shape[0]):
+        for x in range(index.shape[1]):
+            index[y, x] = -1
 
 
 @njit(cache=True, nogil=True)
@@ -130,8 +142,12 @@ def _pooled(cells, n_cells, size, index, first, out):
 
 
 @njit(cache=True, nogil=True)
-def _background_rows(conv2, pool2, conv3, pool3):
-    """Fill the background rows: one per class of position, for levels after the first."""
+def _background_rows(patches, pool1, conv2, pool2, conv3, pool3):
+    """Fill the background rows: one per class of position."""
+    for k in range(27):
+        patches[0, k] = 0.0
+    for k in range(4):
+        pool1[0, k] = 0
     for cy in range(3):
         for cx in range(3):
             for k in range(9):
@@ -171,41 +187,28 @@ def _structure(pedestrians, counts, size, extent, radius):
     cells = np.empty(size * size, np.int32)
     blocks = np.empty(size * size, np.int32)
 
-    patches = np.zeros((64 * n + 64, 27), np.float32)
-    pool1 = np.zeros((24 * n + 64, 4), np.int32)
+    patches = np.empty((64 * n + 64, 27), np.float32)
+    pool1 = np.empty((24 * n + 64, 4), np.int32)
     conv2 = np.empty((48 * n + 64, 9), np.int32)
     pool2 = np.empty((20 * n + 64, 4), np.int32)
     conv3 = np.empty((40 * n + 64, 9), np.int32)
     pool3 = np.empty((16 * n + 64, 4), np.int32)
     features = np.empty((n, s4 * s4), np.int32)
-    _background_rows(conv2, pool2, conv3, pool3)
+    _background_rows(patches, pool1, conv2, pool2, conv3, pool3)
     r1, b1, r2, b2, r3, b3 = 1, 1, 9, 9, 25, 9
 
     for i in range(n):
-        block3[:] = -1
+        _clear(block3)
         if counts[i] > 0:
             paint(pedestrians[i], counts[i], size, extent, radius, image)
-            n_painted = 0
-            for y in range(size):
-                for x in range(size):
-                    if image[0, y, x] != 0.0:
-                        painted[n_painted] = y * size + x
-                        n_painted += 1
-            index1[:] = -1
-            block1[:] = -1
-            index2[:] = -1
-            block2[:] = -1
-            index3[:] = -1
-            # Convolution 1: the windows themselves, since its input has no gradient.
+            n_painted = _occupied(image, painted)
+            _clear(index1)
+            _clear(block1)
+            _clear(index2)
+            _clear(block2)
+            _clear(index3)
             count = _dilate(painted, n_painted, size, index1, r1, cells)
-            patches = _grow(patches, r1 + count)
-            for c in range(count):
-                y, x = cells[c] // size, cells[c] % size
-                for channel in range(3):
-                    for k in range(9):
-                        yy, xx = y + k // 3 - 1, x + k % 3 - 1
-                        inside = 0 <= yy < size and 0 <= xx < size
-                        patches[r1 + c, channel * 9 + k] = image[channel, yy, xx] if inside else 0.0
+            patches = _add_patches(cells, count, size, image, patches, r1)
             r1 += count
             pool1, b1, n_blocks = _add_blocks(
                 cells, count, size, index1, block1, pool1, b1, 1, blocks
@@ -224,6 +227,33 @@ def _structure(pedestrians, counts, size, extent, radius):
                 background = _class3(y, s4) * 3 + _class3(x, s4)
                 features[i, y * s4 + x] = active if active >= 0 else background
     return patches[:r1], pool1[:b1], conv2[:r2], pool2[:b2], conv3[:r3], pool3[:b3], features
+
+
+@njit(cache=True, nogil=True)
+def _occupied(image, cells):
+    """List the cells where somebody stands; returns their count."""
+    size = image.shape[1]
+    count = 0
+    for y in range(size):
+        for x in range(size):
+            if image[0, y, x] != 0.0:
+                cells[count] = y * size + x
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _add_patches(cells, count, size, image, patches, first):
+    """Convolution 1's windows themselves: its input has no gradient and needs no table."""
+    patches = _grow(patches, first + count)
+    for c in range(count):
+        y, x = cells[c] // size, cells[c] % size
+        for channel in range(3):
+            for k in range(9):
+                yy, xx = y + k // 3 - 1, x + k % 3 - 1
+                inside = 0 <= yy < size and 0 <= xx < size
+                patches[first + c, channel * 9 + k] = image[channel, yy, xx] if inside else 0.0
+    return patches
 
 
 @njit(cache=True, nogil=True)

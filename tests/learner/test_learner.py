@@ -1,0 +1,169 @@
+"""The learner's loop over the in-memory transport, fed with ready-made trajectories."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import pytest
+from helpers_learner import random_trajectory, small_config
+
+from learner.learner import Learner
+from learner.record import read_metrics
+from learner.status import snapshot
+from lndrl.config import RunConfig, load_config
+from lndrl.errors import UserError
+from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
+from lndrl.transport.status import parse_history, parse_status
+from lndrl.version import VERSION
+
+
+class Run:
+    """A learner and one in-memory actor endpoint that sends what it is told to."""
+
+    def __init__(self, config: RunConfig, path: Path, **options) -> None:
+        network = MemoryNetwork()
+        self.learner = Learner(config, path, network.learner(), quiet=True, **options)
+        self.learner.begin()
+        self.actor = network.actor()
+        hello = Hello("a", f"life-{self.learner.counters.updates}", "host", 1, 2, VERSION)
+        self.welcome = self.actor.hello(hello)
+        self.incarnation = hello.incarnation
+        self.sequence = 0
+
+    def send(self, version: int | None = None) -> None:
+        self.sequence += 1
+        config = self.learner.config
+        version = self.learner.counters.version if version is None else version
+        trajectory = random_trajectory(config, self.sequence, version=version)
+        header = ChunkHeader(
+            self.welcome.run_id, "a", self.incarnation, self.sequence, 8, 2, timing={"infer": 1.0}
+        )
+        self.actor.upload(header, trajectory.to_arrays())
+
+    def update(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.send()
+            self.send()
+            assert self.learner.advance(timeout=0.0)
+
+    def close(self) -> None:
+        self.learner.end()
+        self.learner.close()
+
+
+@pytest.fixture
+def start(tmp_path: Path):
+    runs: list[Run] = []
+
+    def make(name: str = "run", resume: bool = False, checkpoint: str | None = None, **changes):
+        run = Run(small_config(**changes), tmp_path / name, resume=resume, checkpoint=checkpoint)
+        runs.append(run)
+        return run
+
+    yield make
+    for run in runs:
+        run.learner.close()
+
+
+def test_an_update_publishes_the_next_version_and_records(start) -> None:
+    run = start()
+    assert run.actor.fetch()[0] == 0
+    assert not run.learner.advance(timeout=0.0)
+    run.update()
+    assert run.actor.fetch()[0] == 1
+    (row,) = read_metrics(run.learner.folder.path / "metrics.jsonl")
+    assert (row["update"], row["steps"], row["version"]) == (1, 32, 1)
+    assert set(row["ppo"]) >= {"policy_loss", "value_loss", "entropy", "kl", "clip_fraction"}
+    assert run.learner.counters.steps == 32
+
+
+def test_lag_is_measured_in_versions(start) -> None:
+    run = start()
+    run.update(2)
+    run.send(version=0)
+    run.send(version=2)
+    assert run.learner.advance(timeout=0.0)
+    assert run.learner.lag == {"mean": 1.0, "max": 2}
+
+
+def test_the_snapshot_fits_its_schema(start) -> None:
+    run = start()
+    parse_status(snapshot(run.learner))
+    run.update()
+    status = parse_status(snapshot(run.learner))
+    assert (status.steps, status.updates, status.weights_version) == (32, 1, 1)
+    assert status.actors[0].id == "a"
+    assert status.actors[0].time_split == {"infer": 1.0}
+    assert len(parse_history(run.learner.history)) == 1
+    json.dumps(snapshot(run.learner))
+
+
+def test_the_end_leaves_checkpoint_summary_and_says_done(start) -> None:
+    run = start(learner={"total_steps": 64})
+    run.update(2)
+    assert run.learner.finished
+    run.close()
+    folder = run.learner.folder.path
+    assert (folder / "checkpoints/step-000000064/policy.safetensors").exists()
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["finished"], summary["steps"]) == (True, 64)
+    assert run.actor.done()
+    assert load_config(folder / "config.yaml") == run.learner.config
+
+
+def test_resume_continues_counters_sequences_and_metrics(start) -> None:
+    run = start(learner={"checkpoint_interval": 2})
+    run.update(2)
+    run.learner.checkpoint()
+    run.update(1)  # lost: no checkpoint after it
+    run.learner.close()
+    again = start(resume=True)
+    learner = again.learner
+    assert (learner.counters.steps, learner.counters.version) == (64, 2)
+    assert learner.folder.run_id == run.learner.folder.run_id
+    rows = read_metrics(learner.folder.path / "metrics.jsonl")
+    assert [row["update"] for row in rows] == [1, 2]
+    # What the checkpoint contains is a duplicate, what came after it is trained on.
+    assert learner.roster.is_known("a", "life-0", 4)
+    assert not learner.roster.is_known("a", "life-0", 5)
+    again.update()
+    assert learner.counters.steps == 96
+
+
+def test_an_existing_folder_is_refused_and_left_alone(start) -> None:
+    run = start()
+    run.update()
+    before = (run.learner.folder.path / "metrics.jsonl").read_text()
+    with pytest.raises(UserError, match="exists already"):
+        start()
+    assert (run.learner.folder.path / "metrics.jsonl").read_text() == before
+
+
+def test_run_stops_when_asked(tmp_path: Path) -> None:
+    learner = Learner(small_config(), tmp_path / "run", MemoryNetwork().learner(), quiet=True)
+    stop = threading.Event()
+    stop.set()
+    learner.run(stop)
+    learner.close()
+    assert learner.counters.steps == 0
+    assert "stopped at step 0" in learner.folder.events.read_text()
+
+
+def test_a_full_disk_does_not_stop_training(start, monkeypatch) -> None:
+    run = start(learner={"checkpoint_interval": 1})
+
+    def refuse(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("learner.learner.save_checkpoint", refuse)
+    run.update(2)
+    assert any(event["kind"] == "disk" for event in run.learner.events.recent())
+
+
+def test_lockstep_waits_for_every_actor(start) -> None:
+    run = start(learner={"mode": "lockstep"}, actor={"count": 1})
+    run.send()
+    assert run.learner.advance(timeout=0.0)
+    assert run.learner.counters.steps == 16

@@ -1,0 +1,41 @@
+"""Shares and rates against a clock that the test turns."""
+
+from __future__ import annotations
+
+import pytest
+
+from learner.timing import Rates, TimeSplit
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_shares_of_the_window() -> None:
+    clock = Clock()
+    split = TimeSplit(("wait", "update"), window=60.0, clock=clock)
+    assert split.shares() == {"wait": 0.0, "update": 0.0}
+    with split.during("wait"):
+        clock.now += 10.0
+    with split.during("update"):
+        clock.now += 30.0
+        assert split.shares() == {"wait": 0.25, "update": 0.75}
+    assert split.totals() == {"wait": 10.0, "update": 30.0}
+    clock.now += 25.0  # now 65: the first 5 s have left the window
+    shares = split.shares()
+    assert shares["wait"] == pytest.approx(5.0 / 35.0)
+
+
+def test_rates_over_several_windows() -> None:
+    clock = Clock()
+    rates = Rates((10, 60), clock)
+    for _ in range(20):
+        clock.now += 1.0
+        rates.add(5)
+    assert rates.rate(10.0) == pytest.approx(5.0)
+    assert rates.all()["60s"] == pytest.approx(5.0)
+    clock.now += 20.0
+    assert rates.rate(10.0) == 0.0
