@@ -85,21 +85,64 @@ def uniform(state):
 
 
 @njit(cache=True, nogil=True)
+def _edge_of_layer(state, layer, signed):
+    """The ziggurat's rare part, outside a layer's rectangle: (accepted, value)."""
+    if layer == 0:
+        while True:
+            tail = -np.log(1.0 - uniform(state)) / _TAIL
+            if -2.0 * np.log(1.0 - uniform(state)) >= tail * tail:
+                return True, (_TAIL + tail if signed > 0.0 else -(_TAIL + tail))
+    x = signed * _EDGES[layer]
+    height = _DENSITIES[layer] + uniform(state) * (_DENSITIES[layer + 1] - _DENSITIES[layer])
+    return height < np.exp(-0.5 * x * x), x
+
+
+@njit(inline="always")
+def _layer_and_sign(bits):
+    """Low 8 bits choose the layer, the top 53 are a signed uniform in [-1, 1)."""
+    # Through int64: processors without AVX-512 convert unsigned words slowly.
+    signed = np.float64(np.int64(bits >> np.uint64(11))) * (2.0 / 9007199254740992.0) - 1.0
+    return np.int64(bits & np.uint64(0xFF)), signed
+
+
+@njit(cache=True, nogil=True)
 def normal(state):
     """Standard normal float64 by the ziggurat method."""
     while True:
-        bits = next_uint64(state)
-        layer = np.int64(bits & np.uint64(0xFF))
-        # Top 53 bits as a signed uniform in [-1, 1); the low 8 bits chose the layer.
-        signed = np.float64(bits >> np.uint64(11)) * (2.0 / 9007199254740992.0) - 1.0
+        layer, signed = _layer_and_sign(next_uint64(state))
         x = signed * _EDGES[layer]
         if abs(x) < _EDGES[layer + 1]:
             return x
-        if layer == 0:
-            while True:
-                tail = -np.log(1.0 - uniform(state)) / _TAIL
-                if -2.0 * np.log(1.0 - uniform(state)) >= tail * tail:
-                    return _TAIL + tail if signed > 0.0 else -(_TAIL + tail)
-        height = _DENSITIES[layer] + uniform(state) * (_DENSITIES[layer + 1] - _DENSITIES[layer])
-        if height < np.exp(-0.5 * x * x):
+        accepted, x = _edge_of_layer(state, layer, signed)
+        if accepted:
             return x
+
+
+@njit(cache=True, nogil=True)
+def fill_normals(state, out):
+    """Fill ``out`` (n,) with standard normals: the draws of ``normal`` one after the other.
+
+    Three times as fast, because the generator's words stay in registers between draws.
+    """
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    i = 0
+    while i < out.shape[0]:
+        bits = _rotate_left(s0 + s3, 23) + s0
+        shifted = s1 << np.uint64(17)
+        s2 ^= s0
+        s3 ^= s1
+        s1 ^= s2
+        s0 ^= s3
+        s2 ^= shifted
+        s3 = _rotate_left(s3, 45)
+        layer, signed = _layer_and_sign(bits)
+        x = signed * _EDGES[layer]
+        accepted = abs(x) < _EDGES[layer + 1]
+        if not accepted:
+            state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+            accepted, x = _edge_of_layer(state, layer, signed)
+            s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+        if accepted:
+            out[i] = x
+            i += 1
+    state[0], state[1], state[2], state[3] = s0, s1, s2, s3

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from lndrl.localization.angles import difference, sincos, wrap
-from lndrl.randomness import normal
+from lndrl.randomness import fill_normals, normal
 
 LEAST_TRANSLATION = 0.01  # m; below it the direction of motion is only noise (ROS)
 
@@ -50,10 +50,10 @@ def deviations(rotation1, translation, rotation2, alpha):
 @njit(cache=True, nogil=True, error_model="numpy")
 def draw_noise(noise, count, spread, state):
     """Three normals per particle, scaled by ``spread``, into ``noise[0..2]``."""
-    for i in range(count):
-        noise[0, i] = spread[0] * normal(state)
-        noise[1, i] = spread[1] * normal(state)
-        noise[2, i] = spread[2] * normal(state)
+    for part in range(3):
+        fill_normals(state, noise[part, :count])
+        for i in range(count):
+            noise[part, i] *= spread[part]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath=True)

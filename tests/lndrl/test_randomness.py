@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy import stats
 
-from lndrl.randomness import Stream, next_uint64, normal, stream_state, uniform
+from lndrl.randomness import Stream, fill_normals, next_uint64, normal, stream_state, uniform
 
 MASK = (1 << 64) - 1
 SAMPLES = 4_000_000
@@ -174,3 +174,12 @@ def test_neighbouring_streams_are_uncorrelated() -> None:
 def test_a_seed_below_zero_is_refused() -> None:
     with pytest.raises(ValueError, match="non-negative"):
         stream_state(-1, 0)
+
+
+def test_filled_normals_are_the_draws_of_normal() -> None:
+    one_by_one, filled = stream_state(3, 1), stream_state(3, 1)
+    expected = np.array([normal(one_by_one) for _ in range(20_000)])
+    out = np.empty(20_000)
+    fill_normals(filled, out)
+    np.testing.assert_array_equal(out, expected)
+    np.testing.assert_array_equal(filled, one_by_one)

@@ -1,0 +1,176 @@
+"""The whole system as users run it: processes, signals, a real network on loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from lndrl.transport import free_endpoint
+
+PATIENCE = 120.0  # s; compiling on a busy machine takes long
+LNDRL = [sys.executable, "-m", "lndrl"]
+ROOT = Path(__file__).resolve().parent.parent
+
+SMALL: dict[str, Any] = {
+    "scenario": "hybrid",
+    "network": {"map_channels": [4, 4, 8], "features": 16, "goal_features": 8},
+    "ppo": {"batch_size": 64, "minibatch_size": 32, "epochs": 1},
+    "learner": {"total_steps": 1_000_000, "checkpoint_interval": 2, "threads": 2},
+    "actor": {"count": 1, "worlds": 2, "horizon": 16},
+    "localization": {"min_particles": 100, "max_particles": 200},
+}
+
+
+class Desk:
+    """Starts ``lndrl`` commands in a folder and ends them all."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.endpoint = free_endpoint()
+        self.processes: list[subprocess.Popen[str]] = []
+        (folder / "small.yaml").write_text(yaml.safe_dump(SMALL))
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+        log = (self.folder / f"log-{len(self.processes)}").open("w")
+        process = subprocess.Popen(
+            [*LNDRL, *arguments],
+            cwd=self.folder,
+            env=environment,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.processes.append(process)
+        return process
+
+    def log(self, process: subprocess.Popen[str]) -> str:
+        return (self.folder / f"log-{self.processes.index(process)}").read_text()
+
+    def rows(self, run: str = "a") -> list[dict[str, Any]]:
+        path = self.folder / "runs" / run / "metrics.jsonl"
+        lines = path.read_text().splitlines() if path.exists() else []
+        return [json.loads(line) for line in lines if line.endswith("}")]
+
+    def wait(self, what: str, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            logs = "\n".join(self.log(process)[-600:] for process in self.processes)
+            assert time.monotonic() < deadline, f"no {what}; logs:\n{logs}"
+            time.sleep(0.1)
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    desk = Desk(tmp_path)
+    yield desk
+    for process in desk.processes:
+        process.kill()
+        process.wait()
+
+
+def descendants(pid: int) -> list[int]:
+    try:
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    except OSError:
+        return []
+    found = [int(child) for child in children]
+    return found + [other for child in found for other in descendants(child)]
+
+
+def lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_learner_actor_and_dashboard_survive_a_killed_learner(desk: Desk) -> None:
+    listen = ("--listen", desk.endpoint, "--run", "a")
+    learner = desk.start("learner", "small.yaml", *listen)
+    desk.wait("port", lambda: "[listen]" in desk.log(learner))
+    actor = desk.start("actor", "--connect", desk.endpoint)
+    desk.wait("updates", lambda: len(desk.rows()) >= 3)
+
+    seen = subprocess.run(
+        [*LNDRL, "dashboard", "--connect", desk.endpoint, "--once", "--json"],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert json.loads(seen.stdout)["snapshot"]["actors"][0]["state"] == "active"
+
+    learner.kill()
+    learner.wait()
+    desk.wait("checkpoint", lambda: any(desk.folder.glob("runs/a/checkpoints/step-*")))
+    kept = max(int(p.name[5:]) for p in desk.folder.glob("runs/a/checkpoints/step-*"))
+    again = desk.start("learner", "small.yaml", *listen, "--resume")
+    desk.wait("going on", lambda: desk.rows()[-1]["steps"] >= kept + 128)
+    assert actor.poll() is None
+    assert [row["steps"] for row in desk.rows()] == [64 * (i + 1) for i in range(len(desk.rows()))]
+
+    workers = descendants(actor.pid)
+    assert workers
+    for process in (actor, again):
+        process.send_signal(signal.SIGINT)
+        process.wait(timeout=20)
+    desk.wait("end of the workers", lambda: not any(lives(pid) for pid in workers))
+    assert "Traceback" not in desk.log(actor) + desk.log(again)
+
+
+def test_train_replaces_a_killed_actor_and_ctrl_c_leaves_nothing(desk: Desk) -> None:
+    run = desk.start("train", "small.yaml", "--listen", desk.endpoint, "--run", "a")
+    desk.wait("updates", lambda: len(desk.rows()) >= 2)
+    (worker,) = [pid for pid in descendants(run.pid) if is_worker(pid)]
+    os.kill(worker, signal.SIGKILL)
+    count = len(desk.rows())
+    desk.wait("another actor", lambda: len(desk.rows()) >= count + 4)
+    family = descendants(run.pid)
+    run.send_signal(signal.SIGINT)
+    assert run.wait(timeout=30) == 130
+    desk.wait("end of the family", lambda: not any(lives(pid) for pid in family))
+    steps = desk.rows()[-1]["steps"]
+    assert (desk.folder / f"runs/a/checkpoints/step-{steps:09d}").is_dir()
+    assert "Traceback" not in desk.log(run)
+
+
+def is_worker(pid: int) -> bool:
+    try:
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def test_serial_runs_repeat_byte_for_byte_apart_from_times(desk: Desk) -> None:
+    for run in ("a", "b"):
+        process = desk.start("train", "small.yaml", "--serial", "--steps", "256", "--run", run)
+        assert process.wait(timeout=PATIENCE) == 0, desk.log(process)
+    texts = []
+    for run in ("a", "b"):
+        rows = desk.rows(run)
+        assert len(rows) == 4
+        for row in rows:
+            del row["time"]
+        texts.append("\n".join(json.dumps(row) for row in rows))
+    assert texts[0] == texts[1]
+
+
+def test_a_busy_port_is_one_sentence_and_leaves_no_folder(desk: Desk) -> None:
+    first = desk.start("learner", "small.yaml", "--listen", desk.endpoint, "--run", "a")
+    desk.wait("port", lambda: "[listen]" in desk.log(first))
+    second = desk.start("learner", "small.yaml", "--listen", desk.endpoint, "--run", "b")
+    assert second.wait(timeout=PATIENCE) == 2
+    assert len(desk.log(second).strip().splitlines()) == 1
+    assert "in use" in desk.log(second)
+    assert not (desk.folder / "runs/b").exists()
