@@ -12,6 +12,7 @@ from typing import Any
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
+from lndrl.view.metrics import read_metrics
 
 _WINDOW = 200  # episodes behind every rate
 
@@ -64,7 +65,9 @@ class Recorder:
 
     def __init__(self, folder: Path, updates: int) -> None:
         self._path = folder / "metrics.jsonl"
-        kept = [row for row in read_metrics(self._path) if row["update"] <= updates]
+        # A new run has no file, and a resumed one may have lost it: neither stops the training.
+        rows = read_metrics(self._path) if updates and self._path.exists() else []
+        kept = [row for row in rows if row["update"] <= updates]
         self._path.write_text("".join(json.dumps(row) + "\n" for row in kept))
         # Slow to import, and needed by a learner alone.
         from torch.utils.tensorboard import SummaryWriter
@@ -83,19 +86,6 @@ class Recorder:
     def close(self) -> None:
         """Flush everything."""
         self._board.close()
-
-
-def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """The rows of a metrics file; a last line that was cut off is left out."""
-    if not path.exists():
-        return []
-    rows = []
-    for line in path.read_text().splitlines():
-        try:
-            rows.append(json.loads(line))
-        except ValueError:
-            break
-    return rows
 
 
 @dataclass(frozen=True)

@@ -175,6 +175,9 @@ class NetworkConfig(Model):
     initialization: Literal["orthogonal", "default"] = Field(
         "orthogonal", description="orthogonal with a small policy head, or torch's default (GROUP)"
     )
+    turn_reluctance: NonNegative = Field(
+        0.0, description="the first policy's logits fall by this per rad/s; wheels slip in turns"
+    )
 
 
 class PPOConfig(Model):

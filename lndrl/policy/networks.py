@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812  (torch's own convention)
 
 from lndrl.config import RunConfig
-from lndrl.navigation import Observation, dequantise
+from lndrl.navigation import Observation, action_table, dequantise
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
 from lndrl.policy.sparse import gather_convolution, gather_pool, gather_rows
 from lndrl.policy.structure import SMALLEST_MAP, MapStructure, map_structure
@@ -145,9 +145,14 @@ class NavigationNetwork(nn.Module):
 
 def build_policy(config: RunConfig) -> NavigationNetwork:
     """The policy: logits over the actions; 7,615,804 parameters with the paper's numbers."""
-    task = config.task
-    actions = len(task.linear_velocities) * len(task.angular_velocities)
-    return _initialized(NavigationNetwork(config, actions), config, head_gain=0.01)
+    actions = action_table(config.task)
+    network = _initialized(NavigationNetwork(config, len(actions)), config, head_gain=0.01)
+    if config.network.turn_reluctance:
+        # A policy that turns at random soon gets lost, and then learns from little else.
+        turns = torch.from_numpy(np.abs(actions[:, 1])).float()
+        with torch.no_grad():
+            network.head.bias -= config.network.turn_reluctance * turns
+    return network
 
 
 def build_value(config: RunConfig) -> NavigationNetwork:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -53,34 +52,6 @@ SMOOTHING = 0.04
 """Share of the curve that one smoothed point averages over."""
 
 Row = Mapping[str, Any]
-
-
-def read_metrics(path: Path | str) -> list[dict[str, Any]]:
-    """Rows of a ``metrics.jsonl``; a last line that is cut short (a killed run) is left out.
-
-    Raises UserError where the file is missing, empty or not of such rows.
-    """
-    path = Path(path)
-    try:
-        lines = path.read_text().splitlines()
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; a run writes it after its first update") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read ({error})") from None
-    rows = []
-    for number, line in enumerate(lines, 1):
-        try:
-            row = json.loads(line)
-        except json.JSONDecodeError:
-            if number == len(lines):
-                break
-            raise UserError(f"{path}, line {number}: not a JSON object") from None
-        if not isinstance(row, dict):
-            raise UserError(f"{path}, line {number}: not a JSON object")
-        rows.append(row)
-    if not rows:
-        raise UserError(f"{path}: holds no rows; a run writes one after each update")
-    return rows
 
 
 def value_at(row: Row, key: str) -> float | None:

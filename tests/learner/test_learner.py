@@ -10,13 +10,13 @@ import pytest
 from helpers_learner import random_trajectory, small_config
 
 from learner.learner import Learner
-from learner.record import read_metrics
 from learner.status import snapshot
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
 from lndrl.transport.status import parse_history, parse_status
 from lndrl.version import VERSION
+from lndrl.view.metrics import read_metrics
 
 
 class Run:

@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from lndrl.errors import UserError
-from lndrl.view.curves import column, read_metrics, save_curves, smooth, spread, write_csv
+from lndrl.view.curves import column, save_curves, smooth, spread, write_csv
+from lndrl.view.metrics import read_metrics
 
 ROWS = [
     {
