@@ -115,3 +115,14 @@ def test_sparse_gradients_equal_dense_ones(
     for (name, _), sparse, reference in zip(network.named_parameters(), *gradients, strict=True):
         scale = float(reference.abs().max()) + 1e-6
         assert float((sparse - reference).abs().max()) / scale < 1e-4, name
+
+
+def test_reluctance_makes_the_first_policy_turn_less() -> None:
+    config = make_config(turn_reluctance=3.0, map_channels=(4, 4, 4), features=16)
+    observation = random_observation(np.random.default_rng(1), 64, 1.0)
+    with torch.no_grad():
+        logits = build_policy(config)(prepare(observation, config))
+    by_turn = torch.softmax(logits, 1).mean(0).reshape(4, 7).sum(0)
+    # Turns of -0.9 ... 0.9 rad/s: one e-fold per third of a radian per second, both sides alike.
+    expected = np.exp(-3.0 * np.abs(np.array(config.task.angular_velocities)))
+    np.testing.assert_allclose(by_turn.numpy(), expected / expected.sum(), rtol=0.1)
