@@ -24,15 +24,31 @@ def choose_run(
     """Configuration and folder of a new run, or of the run that is resumed.
 
     A resumed run takes its configuration from its own ``config.yaml``; ``overrides`` apply to
-    either. Raises UserError when the folder exists (or, resumed, does not) and for what
-    ``load_config`` refuses.
+    either. Raises UserError when the folder exists (or, resumed, does not), for what
+    ``load_config`` refuses, and for a scenario whose regions leave the robot no room.
     """
     if name is not None and not _NAME.fullmatch(name):
         raise UserError(
             f"--run {name}: must be one folder name of letters, digits, '.', '_' and '-'"
         )
     if resume:
-        return _resumed(config_file, name, overrides)
+        config, folder = _resumed(config_file, name, overrides)
+    else:
+        config, folder = _new(config_file, name, overrides)
+    _check_place(config)
+    return config, folder
+
+
+def _check_place(config: RunConfig) -> None:
+    """Refuse a scenario that no episode can start in, before anything is written."""
+    from lndrl.world import Place
+
+    Place.build(config.scenario, config.world.robot_radius)
+
+
+def _new(
+    config_file: Path | None, name: str | None, overrides: Sequence[str]
+) -> tuple[RunConfig, Path]:
     if config_file is None:
         raise UserError("the configuration is missing; name a file, e.g. configs/lndrl.yaml")
     config = load_config(config_file, list(overrides))

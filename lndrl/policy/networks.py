@@ -151,7 +151,7 @@ def build_policy(config: RunConfig) -> NavigationNetwork:
         # A policy that turns at random soon gets lost, and then learns from little else.
         turns = torch.from_numpy(np.abs(actions[:, 1])).float()
         with torch.no_grad():
-            network.head.bias -= config.network.turn_reluctance * turns
+            network.head.bias.sub_(config.network.turn_reluctance * turns)
     return network
 
 

@@ -221,3 +221,16 @@ def test_the_second_signal_ends_at_once() -> None:
         assert stop.wait(5)
         os.kill(os.getpid(), signal.SIGINT)
         pytest.fail("the second signal was swallowed")
+
+
+def test_a_start_inside_a_wall_is_refused_before_anything_is_written(
+    services: Services, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    walled = {**SCENARIO, "obstacles": [{"box": [0.5, 0.5, 3.0, 3.0]}]}
+    (tmp_path / "walled.yaml").write_text(yaml.safe_dump({"scenario": walled}))
+    assert run(["train", "walled.yaml", "--run", "w"]) == 2
+    message = capsys.readouterr().err
+    assert len(message.strip().splitlines()) == 1
+    assert "start" in message
+    assert not services.calls
+    assert not (tmp_path / "runs").exists()
