@@ -44,7 +44,7 @@ def prepare(observation: Observation, config: RunConfig, device: str = "cpu") ->
     range_max = config.world.laser.range_max
     scan = torch.from_numpy(dequantise(observation.scan, range_max))
     scan = scan.to(device).mul_(1.0 / range_max)
-    goal = torch.from_numpy(observation.goal).to(device)
+    goal = torch.from_numpy(np.array(observation.goal)).to(device)  # may be a read-only message
     people: Tensor | MapStructure
     if device == "cpu" and supports_sparse(config):
         people = map_structure(observation, task)

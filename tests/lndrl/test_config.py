@@ -177,6 +177,7 @@ def test_paper_yaml_has_the_published_numbers() -> None:
         "normalize_advantages": False,
         "target_kl": None,
         "reward_scale": 1.0,
+        "reward_limit": None,
         "bootstrap_truncated": False,
         "max_importance": 10.0,
         "adam_eps": 1e-8,
@@ -184,6 +185,7 @@ def test_paper_yaml_has_the_published_numbers() -> None:
     assert config.learner.total_steps == 1_200_000
     assert config.actor.count * config.actor.worlds == 8
     assert config.network.pooling == "max"
+    assert config.network.turn_reluctance == 0.0
     assert config.scenario.name == "hybrid"
 
 
