@@ -1,8 +1,8 @@
 """Ray casting on a distance field: sphere marching in the open, cell by cell near obstacles.
 
 A field value is the distance between cell CENTRES, so from any point of a cell no occupied cell
-is nearer than ``value - sqrt(2)`` cells: that much is skipped at once. Where less than two and a
-half cells are left the ray walks from cell border to cell border (Amanatides & Woo 1987), which
+is nearer than ``value - sqrt(2)`` cells: that much is skipped at once. Where two cells or fewer
+are left the ray walks from cell border to cell border (Amanatides & Woo 1987), which
 makes the range exact on the grid.
 """
 
@@ -20,13 +20,23 @@ _FAR_AWAY = 1e30
 _LEVEL = 1e-12  # direction components below it never change the cell
 
 
+def clearance(distance: NDArray[np.float32], resolution: float) -> NDArray[np.uint8]:
+    """A distance field (m) in whole cells, rounded down, at most 255: what rays march on.
+
+    A quarter of the field's size, so that it stays in the cache of a core.
+    """
+    cells = np.floor(distance / resolution + 1e-3)
+    return np.minimum(cells, 255.0).astype(np.uint8)
+
+
 @njit(cache=True, nogil=True)
-def cast_ray(distance, inverse_resolution, origin_x, origin_y, x, y, dx, dy, range_max):
+def cast_ray(cells, inverse_resolution, origin_x, origin_y, x, y, dx, dy, range_max):
     """Range (m) along the unit vector (dx, dy) from (x, y), ``range_max`` where nothing is hit.
 
-    0 when the point lies in an occupied cell; leaving the grid counts as no hit.
+    ``cells`` is the ``clearance``. 0 when the point lies in an occupied cell; leaving the grid
+    counts as no hit.
     """
-    rows, columns = distance.shape
+    rows, columns = cells.shape
     start_x = (x - origin_x) * inverse_resolution
     start_y = (y - origin_y) * inverse_resolution
     limit = range_max * inverse_resolution
@@ -44,7 +54,7 @@ def cast_ray(distance, inverse_resolution, origin_x, origin_y, x, y, dx, dy, ran
             return range_max
         column = int(cell_x)
         row = int(cell_y)
-        room = distance[row, column] * inverse_resolution
+        room = np.float64(cells[row, column])
         if room > _NEAR:
             travelled += room - _DIAGONAL
             continue
@@ -67,18 +77,18 @@ def cast_ray(distance, inverse_resolution, origin_x, origin_y, x, y, dx, dy, ran
                 row += step_row
             if row < 0 or column < 0 or row >= rows or column >= columns:
                 return range_max
-            room = distance[row, column] * inverse_resolution
+            room = np.float64(cells[row, column])
         travelled += max(room - _DIAGONAL, 0.0)
     return range_max
 
 
 @njit(cache=True, nogil=True)
-def cast_rays(distance, inverse_resolution, origin_x, origin_y, pose, bearings, range_max, out):
+def cast_rays(cells, inverse_resolution, origin_x, origin_y, pose, bearings, range_max, out):
     """Fill ``out`` (float32, (n,)) with the ranges at ``bearings`` (rad, (n,)) from ``pose``."""
     for i in range(len(bearings)):
         angle = pose[2] + bearings[i]
         out[i] = cast_ray(
-            distance,
+            cells,
             inverse_resolution,
             origin_x,
             origin_y,
@@ -102,7 +112,8 @@ def raycast(
     ``distance`` is the grid's ``distance_field``; no noise, no pedestrians.
     """
     out = np.empty(len(bearings), dtype=np.float32)
-    cast_rays(distance, 1.0 / grid.resolution, *grid.origin, pose, bearings, range_max, out)
+    cells = clearance(distance, grid.resolution)
+    cast_rays(cells, 1.0 / grid.resolution, *grid.origin, pose, bearings, range_max, out)
     return out
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig
 from lndrl.maps.raycast import cast_ray
-from lndrl.randomness import State, normal, uniform
+from lndrl.randomness import State, fill_normals, uniform
 
 Floats = NDArray[np.float64]
 
@@ -26,16 +26,14 @@ def beam_bearings(config: LaserConfig) -> Floats:
 class Laser:
     """Scans a place from the robot's base.
 
-    ``distance`` is the map's distance field (float32, origin (0, 0)) with cells of
-    ``resolution`` metres.
+    ``cells`` is the map's ``clearance`` (uint8, origin (0, 0)) with cells of ``resolution``
+    metres; lasers of one place share it.
     """
 
-    def __init__(
-        self, config: LaserConfig, distance: NDArray[np.float32], resolution: float
-    ) -> None:
+    def __init__(self, config: LaserConfig, cells: NDArray[np.uint8], resolution: float) -> None:
         self.config = config
         self.bearings = beam_bearings(config)
-        self._distance = distance
+        self._cells = cells
         self._inverse_resolution = 1.0 / resolution
         self._cosines = np.cos(self.bearings)
         self._sines = np.sin(self.bearings)
@@ -58,7 +56,7 @@ class Laser:
         """Ranges without noise (m) of beams 0, stride, ...; ``legs`` is ``(L, 2)`` (m)."""
         out = np.empty((self.config.beams + stride - 1) // stride, dtype=np.float32)
         trace(
-            self._distance,
+            self._cells,
             self._inverse_resolution,
             pose,
             legs,
@@ -77,7 +75,7 @@ class Laser:
         """Noisy ranges (m, in [0, range_max]) of beams 0, stride, ...; advances ``state``."""
         out = np.empty((self.config.beams + stride - 1) // stride, dtype=np.float32)
         noisy_scan(
-            self._distance,
+            self._cells,
             self._inverse_resolution,
             pose,
             legs,
@@ -94,13 +92,13 @@ class Laser:
 
 
 @njit(cache=True, nogil=True)
-def _trace_walls(distance, inverse_resolution, pose, cosines, sines, range_max, stride, out):
+def _trace_walls(cells, inverse_resolution, pose, cosines, sines, range_max, stride, out):
     c = np.cos(pose[2])
     s = np.sin(pose[2])
     for k in range(len(out)):
         i = k * stride
         out[k] = cast_ray(
-            distance,
+            cells,
             inverse_resolution,
             0.0,
             0.0,
@@ -147,7 +145,7 @@ def _trace_legs(pose, legs, radius, cosines, sines, geometry, stride, out):
 
 @njit(cache=True, nogil=True)
 def trace(
-    distance,
+    cells,
     inverse_resolution,
     pose,
     legs,
@@ -159,7 +157,7 @@ def trace(
     out,
 ):
     """Fill ``out`` with true ranges; ``geometry`` = (range_max, first bearing, increment)."""
-    _trace_walls(distance, inverse_resolution, pose, cosines, sines, geometry[0], stride, out)
+    _trace_walls(cells, inverse_resolution, pose, cosines, sines, geometry[0], stride, out)
     _trace_legs(pose, legs, leg_radius, cosines, sines, geometry, stride, out)
 
 
@@ -170,6 +168,8 @@ def add_noise(ranges, range_max, noise, state):
     ``noise`` = (z_max, z_max + z_rand, z_max + z_rand + z_short, lambda_short, sigma_hit). A beam
     that meets nothing reports ``range_max`` without Gaussian noise: no echo has no distance.
     """
+    normals = np.empty(len(ranges))
+    fill_normals(state, normals)
     for i in range(len(ranges)):
         choice = uniform(state)
         if choice < noise[0]:
@@ -181,12 +181,12 @@ def add_noise(ranges, range_max, noise, state):
             whole = 1.0 - np.exp(-noise[3] * ranges[i])
             ranges[i] = -np.log(1.0 - uniform(state) * whole) / noise[3]
         elif ranges[i] < range_max:
-            ranges[i] = min(max(ranges[i] + noise[4] * normal(state), 0.0), range_max)
+            ranges[i] = min(max(ranges[i] + noise[4] * normals[i], 0.0), range_max)
 
 
 @njit(cache=True, nogil=True)
 def noisy_scan(
-    distance,
+    cells,
     inverse_resolution,
     pose,
     legs,
@@ -200,6 +200,6 @@ def noisy_scan(
     out,
 ):
     """``trace`` and ``add_noise`` in one call."""
-    _trace_walls(distance, inverse_resolution, pose, cosines, sines, geometry[0], stride, out)
+    _trace_walls(cells, inverse_resolution, pose, cosines, sines, geometry[0], stride, out)
     _trace_legs(pose, legs, leg_radius, cosines, sines, geometry, stride, out)
     add_noise(out, geometry[0], noise, state)

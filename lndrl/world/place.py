@@ -13,7 +13,7 @@ from scipy.ndimage import label
 from lndrl.config import WorldConfig
 from lndrl.errors import UserError
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
-from lndrl.maps.raycast import sample_field
+from lndrl.maps.raycast import clearance, sample_field
 from lndrl.randomness import State, stream_state, uniform
 from lndrl.scenario import Box, RobotTask, Scenario
 
@@ -29,7 +29,8 @@ Start = tuple[float, float]
 class Place:
     """A validated scenario with its grid, distance field and wall outlines.
 
-    ``distance`` float32 ``(h, w)`` (m, centre to centre); ``walls`` ``(S, 4)`` segments
+    ``distance`` float32 ``(h, w)`` (m, centre to centre), ``cells`` the same in whole cells
+    (uint8, what the laser marches on); ``walls`` ``(S, 4)`` segments
     [x0, y0, x1, y1] (m), circles as 24-gons; ``regions`` int32 ``(h, w)`` numbers the connected
     areas that the robot's centre can move in, 0 where it does not fit.
     """
@@ -37,6 +38,7 @@ class Place:
     scenario: Scenario
     grid: OccupancyGrid
     distance: NDArray[np.float32]
+    cells: NDArray[np.uint8]
     walls: NDArray[np.float64]
     regions: NDArray[np.int32]
     robot_radius: float
@@ -53,7 +55,8 @@ class Place:
         grid = grid_from_scenario(scenario)
         distance = distance_field(grid.occupied, grid.resolution)
         regions, _ = label(distance > radius + 0.5 * grid.resolution)
-        place = cls(scenario, grid, distance, wall_segments(scenario), regions, radius)
+        cells = clearance(distance, grid.resolution)
+        place = cls(scenario, grid, distance, cells, wall_segments(scenario), regions, radius)
         place._check()
         return place
 

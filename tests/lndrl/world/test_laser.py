@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lndrl.config import LaserConfig
-from lndrl.maps import OccupancyGrid, distance_field, raycast
+from lndrl.maps import OccupancyGrid, clearance, distance_field, raycast
 from lndrl.randomness import stream_state
 from lndrl.world.laser import Laser, add_noise, beam_bearings
 
@@ -16,7 +16,7 @@ def room(config=None):
     occupied[:, 0] = occupied[:, -1] = True
     occupied[120:130, 140:150] = True
     field = distance_field(occupied, RESOLUTION)
-    laser = Laser(config or LaserConfig(), field, RESOLUTION)
+    laser = Laser(config or LaserConfig(), clearance(field, RESOLUTION), RESOLUTION)
     return laser, OccupancyGrid(occupied, RESOLUTION), field
 
 
@@ -89,7 +89,7 @@ def test_a_leg_around_the_laser_blinds_it():
 
 def noisy(truth, n=200_000, **weights):
     config = LaserConfig(**weights)
-    laser = Laser(config, np.ones((2, 2), np.float32), 1.0)
+    laser = Laser(config, np.ones((2, 2), np.uint8), 1.0)
     ranges = np.full(n, truth, dtype=np.float32)
     add_noise(ranges, config.range_max, laser._noise, stream_state(11))
     return ranges
