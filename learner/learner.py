@@ -87,6 +87,8 @@ class Learner:
 
     def begin(self) -> None:
         """Open the door to actors and offer them weights."""
+        if self.last_checkpoint is None and not self.counters.updates:
+            self.checkpoint()  # a learner that dies early can be resumed, too
         self.ingest.weights_version = self.counters.version
         self.endpoint.start(self.ingest)
         self._publish()

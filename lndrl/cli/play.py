@@ -32,6 +32,10 @@ def play(
     episode: Annotated[
         int, typer.Option(metavar="K", help="The episode that lndrl evaluate numbers K, from 0.")
     ] = 0,
+    at: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", min=0, help="FILE.png: this moment instead of the end."),
+    ] = None,
     greedy: Annotated[
         bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
     ] = False,
@@ -44,10 +48,14 @@ def play(
     source = planner_source(planner)
     config = settings_for(source, scenario).model_copy(update={"seed": seed})
     animated = out.suffix.lower() == ".gif"
+    if animated and at is not None:
+        raise UserError("--at goes with a .png; a .gif shows all moments")
     snapshots: list[WorldSnapshot] = []
 
     def watch(world: Navigation) -> None:
         if not animated:
+            if at is not None and snapshots and world.world.time > at + 1e-9:
+                return
             snapshots.clear()
         snapshots.append(world.snapshot())
 

@@ -167,3 +167,11 @@ def test_lockstep_waits_for_every_actor(start) -> None:
     run.send()
     assert run.learner.advance(timeout=0.0)
     assert run.learner.counters.steps == 16
+
+
+def test_a_learner_that_dies_before_its_first_update_can_be_resumed(start) -> None:
+    run = start()
+    run.learner.close()
+    again = start(resume=True)
+    assert again.learner.counters.steps == 0
+    assert again.welcome.run_id == run.welcome.run_id

@@ -116,3 +116,10 @@ def _children(pid: int) -> list[int]:
         return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     except FileNotFoundError:
         return []
+
+
+def test_play_at_a_moment_goes_with_a_picture_only(tmp_path, capsys) -> None:
+    assert run(["play", "straight", "--out", str(tmp_path / "a.gif"), "--at", "2"]) == 2
+    assert "--at" in capsys.readouterr().err
+    assert run(["play", "straight", "--out", str(tmp_path / "a.png"), "--at", "2"]) == 0
+    assert (tmp_path / "a.png").stat().st_size > 10_000
