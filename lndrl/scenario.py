@@ -6,15 +6,14 @@ YAML under ``configs/scenarios/``. Metres, map frame, origin at the lower left c
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
-from lndrl.models import Model
+from lndrl.models import Model, Probability
 
 Box = tuple[float, float, float, float]
 Point = tuple[float, float]
-Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class Obstacle(Model):

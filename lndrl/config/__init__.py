@@ -1,0 +1,43 @@
+"""The whole run as frozen, validated, documented models; YAML in and out.
+
+Every number of the paper stands here once, as a default with its source, or in ``configs/``.
+"PAPER" is LNDRL (arXiv 2303.12354); "LAUNCH" is the AMCL launch file its authors published;
+"GROUP" is the code of the same group.
+"""
+
+from lndrl.config.learning import (
+    ActorConfig,
+    LearnerConfig,
+    NetworkConfig,
+    PPOConfig,
+    TransportConfig,
+)
+from lndrl.config.localization import LocalizationConfig
+from lndrl.config.run import (
+    REPOSITORY_CONFIGS,
+    RunConfig,
+    load_config,
+    load_scenario,
+    parse_config,
+)
+from lndrl.config.task import RewardConfig, TaskConfig
+from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
+
+__all__ = [
+    "REPOSITORY_CONFIGS",
+    "ActorConfig",
+    "CrowdConfig",
+    "LaserConfig",
+    "LearnerConfig",
+    "LocalizationConfig",
+    "NetworkConfig",
+    "PPOConfig",
+    "RewardConfig",
+    "RunConfig",
+    "TaskConfig",
+    "TransportConfig",
+    "WorldConfig",
+    "load_config",
+    "load_scenario",
+    "parse_config",
+]

@@ -1,0 +1,84 @@
+"""Networks, PPO, and the services that train."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from lndrl.models import Count, Model, NonNegative, Positive, Probability
+
+
+class NetworkConfig(Model):
+    """The paper's encoders, trunk and head (PAPER §III-B, pooling GROUP)."""
+
+    pooling: Literal["max", "none"] = Field("max", description="2x2 after each map convolution")
+    map_channels: tuple[int, int, int] = (64, 128, 256)
+    features: Count = Field(512, description="units of map encoder, scan encoder and trunk")
+    goal_features: Count = 64
+    initialization: Literal["orthogonal", "default"] = Field(
+        "orthogonal", description="orthogonal with a small policy head, or torch's default (GROUP)"
+    )
+    turn_reluctance: NonNegative = Field(
+        0.0, description="the first policy's logits fall by this per rad/s; wheels slip in turns"
+    )
+
+
+class PPOConfig(Model):
+    """Proximal policy optimization."""
+
+    actor_learning_rate: Positive = 3e-4
+    critic_learning_rate: Positive = 3e-4
+    learning_rate_schedule: Literal["constant", "linear"] = "linear"
+    gamma: Probability = 0.99
+    gae_lambda: Probability = 0.95
+    clip: Positive = 0.2
+    dual_clip: float | None = Field(None, gt=1, description="lower bound for negative advantages")
+    epochs: Count = 4
+    batch_size: Count = Field(1024, description="samples per update, at least")
+    minibatch_size: Count | None = Field(256, description="None: one full-batch step per epoch")
+    entropy: NonNegative = 0.01
+    value_loss: Positive = 0.5
+    gradient_norm: Positive = Field(0.5, description="clip, actor and critic apart")
+    joint_gradient_norm: bool = Field(False, description="one norm over both nets (GROUP)")
+    normalize_advantages: bool = True
+    target_kl: Positive | None = Field(None, description="stop the epochs beyond this")
+    reward_scale: Positive = Field(0.01, description="factor on rewards inside the learner")
+    reward_limit: Positive | None = Field(
+        None, description="scaled rewards, clipped to +- this; a belief that jumps costs k_p per m"
+    )
+    bootstrap_truncated: bool = Field(True, description="else a timeout is an end (GROUP)")
+    max_importance: Positive = Field(10.0, description="cap of the behaviour correction")
+    adam_eps: Positive = 1e-5
+
+
+class LearnerConfig(Model):
+    """The learner service."""
+
+    mode: Literal["async", "lockstep"] = "async"
+    max_lag: Annotated[int, Field(ge=0)] = Field(8, description="older samples are dropped")
+    total_steps: Count = Field(1_200_000, description="environment steps (PAPER)")
+    threads: Annotated[int, Field(ge=0)] = Field(0, description="torch threads, 0: all cores")
+    checkpoint_interval: Count = Field(20, description="updates between checkpoints")
+    keep_checkpoints: Count = 3
+    queue_chunks: Count = Field(64, description="uploads waiting at most")
+    queue_megabytes: Count = Field(512, description="bytes waiting at most")
+
+
+class ActorConfig(Model):
+    """The actor service."""
+
+    count: Count = Field(2, description="processes that lndrl train starts")
+    worlds: Count = Field(8, description="worlds per process")
+    horizon: Count = Field(64, description="steps per chunk")
+    threads: Count = Field(1, description="torch threads per actor")
+
+
+class TransportConfig(Model):
+    """Zenoh between learner, actors and dashboards."""
+
+    endpoint: str = Field("tcp/127.0.0.1:7447", description="loopback unless asked otherwise")
+    upload_timeout: Positive = Field(20.0, description="s until an upload is sent again")
+    upload_window: Count = Field(2, description="uploads in flight per actor")
+    lease: Positive = Field(3.0, description="s until a silent peer counts as gone")
+    max_message_megabytes: Count = 256

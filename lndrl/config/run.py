@@ -1,0 +1,119 @@
+"""The whole run, and how it is read from YAML."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import Field
+
+from lndrl.config.learning import (
+    ActorConfig,
+    LearnerConfig,
+    NetworkConfig,
+    PPOConfig,
+    TransportConfig,
+)
+from lndrl.config.localization import LocalizationConfig
+from lndrl.config.task import TaskConfig
+from lndrl.config.world import WorldConfig
+from lndrl.errors import UserError
+from lndrl.models import Model, load_yaml, validate
+from lndrl.scenario import Scenario
+
+_HERE = Path(__file__).resolve().parent
+# A wheel carries the configurations inside the package; a checkout has them beside it.
+_IN_WHEEL = _HERE.parent / "configs"
+REPOSITORY_CONFIGS = _IN_WHEEL if _IN_WHEEL.is_dir() else _HERE.parent.parent / "configs"
+
+
+class RunConfig(Model):
+    """Everything that decides a run; the learner hands it to the actors."""
+
+    seed: Annotated[int, Field(ge=0)] = 1
+    scenario: Scenario
+    world: WorldConfig = WorldConfig()
+    localization: LocalizationConfig = LocalizationConfig()
+    task: TaskConfig = TaskConfig()
+    network: NetworkConfig = NetworkConfig()
+    ppo: PPOConfig = PPOConfig()
+    learner: LearnerConfig = LearnerConfig()
+    actor: ActorConfig = ActorConfig()
+    transport: TransportConfig = TransportConfig()
+
+    def to_yaml(self) -> str:
+        """The resolved configuration as YAML; ``load_config`` reads it back equal."""
+        return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+
+    def content_hash(self) -> str:
+        """Twelve hex digits that change when any value changes."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def load_scenario(name: str, beside: Path | None = None) -> Scenario:
+    """Scenario by name (``configs/scenarios/NAME.yaml``) or by path of a YAML file.
+
+    Raises UserError naming the file and, for an unknown name, the known ones.
+    """
+    if name.endswith((".yaml", ".yml")):
+        path = Path(name)
+        if beside is not None and not path.is_absolute() and (beside / path).exists():
+            path = beside / path
+    else:
+        folder = REPOSITORY_CONFIGS / "scenarios"
+        path = folder / f"{name}.yaml"
+        if not path.exists():
+            known = sorted(p.stem for p in folder.glob("*.yaml"))
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {close[0]}? known" if close else "known"
+            raise UserError(
+                f"scenario {name!r} is unknown; {hint}: {', '.join(known)}, or give a YAML file"
+            )
+    return validate(Scenario, load_yaml(path), str(path))
+
+
+def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -> RunConfig:
+    """Configuration from YAML with ``key=value`` overrides (dotted keys, YAML values).
+
+    Raises UserError naming file, key and mend.
+    """
+    path = Path(path)
+    data = load_yaml(path)
+    for override in overrides:
+        _apply(data, override)
+    where = str(path) if not overrides else f"{path} with --set"
+    if isinstance(data.get("scenario"), str):
+        try:
+            data["scenario"] = load_scenario(data["scenario"], path.parent).model_dump()
+        except UserError as error:
+            raise UserError(f"{where}: {error}") from None
+    elif data.get("scenario") is None:
+        raise UserError(f"{where}: scenario is missing; name one, e.g. scenario: hybrid")
+    return validate(RunConfig, data, where)
+
+
+def parse_config(data: Any, where: str) -> RunConfig:
+    """Configuration from plain data, e.g. received from a learner; raises UserError."""
+    return validate(RunConfig, data, where)
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    key, equals, value = override.partition("=")
+    if not equals or not key:
+        raise UserError(f"--set {override}: must be key=value, e.g. ppo.epochs=4")
+    *parents, last = key.split(".")
+    target = data
+    for parent in parents:
+        inner = target.setdefault(parent, {})
+        if not isinstance(inner, dict):
+            raise UserError(f"--set {override}: {parent} holds a value, not keys")
+        target = inner
+    try:
+        target[last] = yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise UserError(f"--set {override}: {value!r} is not a YAML value") from None

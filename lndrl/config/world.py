@@ -1,0 +1,71 @@
+"""The true world: robot, laser, crowd."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from lndrl.models import Count, Model, NonNegative, Positive, Probability
+
+
+class LaserConfig(Model):
+    """Simulated laser with the beam range finder model (PAPER, Thrun et al. §6.3)."""
+
+    beams: Count = Field(720, description="beams over the field of view (PAPER)")
+    field_of_view: Positive = Field(3.141592653589793, description="rad, first beam at -fov/2")
+    range_max: Positive = Field(12.0, description="m (PAPER)")
+    z_hit: Probability = Field(0.98, description="weight of a true reading (PAPER)")
+    z_short: Probability = Field(0.0, description="unexpected objects; people are real (PAPER)")
+    z_max: Probability = Field(0.01, description="weight of a missed echo (PAPER)")
+    z_rand: Probability = Field(0.01, description="weight of a uniform reading (PAPER)")
+    sigma_hit: NonNegative = Field(0.02, description="m, deviation of a true reading (PAPER)")
+    lambda_short: Positive = Field(1.0, description="1/m, decay of z_short readings")
+
+    @model_validator(mode="after")
+    def _weights_sum_to_one(self) -> LaserConfig:
+        total = self.z_hit + self.z_short + self.z_max + self.z_rand
+        if abs(total - 1.0) > 1e-6:
+            raise ValueError(f"z_hit + z_short + z_max + z_rand must be 1, not {total:g}")
+        return self
+
+
+class CrowdConfig(Model):
+    """How pedestrians move (GROUP, parameters §4.5)."""
+
+    max_speed: Positive = Field(0.5, description="m/s")
+    orca_neighbor_distance: Positive = Field(0.5, description="m; GROUP value, last-moment push")
+    orca_max_neighbors: Count = 10
+    orca_time_horizon: Positive = Field(5.0, description="s")
+    orca_time_horizon_obstacle: Positive = Field(5.0, description="s")
+    orca_radius: Positive = Field(0.5, description="m")
+    sfm_desired: NonNegative = Field(1.0, description="weight of the desired force (libpedsim)")
+    sfm_social: NonNegative = Field(2.1, description="weight of the social force")
+    sfm_obstacle: NonNegative = Field(1.0, description="weight of the obstacle force")
+    sfm_obstacle_sigma: Positive = Field(0.8, description="m")
+    sfm_radius: Positive = Field(0.2, description="m")
+    sfm_lambda: Positive = 2.0
+    sfm_gamma: Positive = 0.35
+    sfm_n: Positive = 2.0
+    sfm_n_prime: Positive = 3.0
+    sfm_cutoff: Positive = Field(8.0, description="m, farther neighbours are ignored")
+    see_robot: bool = Field(True, description="pedestrians avoid the robot")
+    leg_radius: Positive = Field(0.10, description="m")
+    leg_offset: NonNegative = Field(0.10, description="m, lateral, each side")
+    step_length: Positive = Field(0.30, description="m travelled per phase of the gait")
+    waypoint_radius: Positive = Field(0.2, description="m")
+    model_period: Positive = Field(
+        0.4,
+        description="s, step of the GROUP's crowd: ORCA resolves overlaps and SFM relaxes in it",
+    )
+
+
+class WorldConfig(Model):
+    """The true world: clock, robot, sensors, crowd."""
+
+    tick: Positive = Field(0.1, description="s between sensor and localization updates (10 Hz)")
+    ticks_per_step: Count = Field(4, description="ticks per control step: 0.4 s (GROUP)")
+    robot_radius: Positive = Field(0.17, description="m (GROUP)")
+    odometry_deviation: NonNegative = Field(
+        0.1, description="deviation of the factor on v and on w; N(1, 0.01) is a variance (PAPER)"
+    )
+    laser: LaserConfig = LaserConfig()
+    crowd: CrowdConfig = CrowdConfig()
