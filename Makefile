@@ -4,6 +4,8 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Independent packages that tests compare with; some are GPL, so training never installs them.
+REFERENCES := $(VENV)/.references
 
 # make train STEPS=20000 RUN=first ACTORS=2 ARGS="--set seed=7"
 CONFIG ?= configs/lndrl.yaml
@@ -15,10 +17,11 @@ ARGS ?=
 WORKERS ?= 2
 PYTEST ?=
 
-.PHONY: help install train test check format clean lock
+.PHONY: help install references train test check format clean lock
 
 help:
 	@echo "make install   .venv with the exact versions of requirements.lock"
+	@echo "make references   the packages that tests and benchmarks compare with (some GPL)"
 	@echo "make train     train; STEPS=20000 RUN=first ACTORS=2; a run that exists is continued"
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
 	@echo "make check     format, lint, types, tests: what every change must pass"
@@ -35,11 +38,17 @@ $(STAMP): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
+$(REFERENCES): $(STAMP) tests/references/requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --requirement tests/references/requirements.lock
+	@touch $@
+
+references: $(REFERENCES)
+
 train: install
 	$(BIN)/lndrl train $(CONFIG) --run $(RUN) $(if $(STEPS),--steps $(STEPS)) \
 		$(if $(ACTORS),--actors $(ACTORS)) $(if $(wildcard runs/$(RUN)),--resume) $(ARGS)
 
-test: install
+test: install references
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST)
 
 check: install

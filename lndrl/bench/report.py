@@ -18,14 +18,19 @@ from rich.table import Table
 from lndrl.errors import UserError
 
 BENCHMARKS = {
-    "world": "control steps of the hybrid scenario on one core, AMCL included, no policy",
-    "amcl": "AMCL updates with fixed particle counts",
+    "laser": "ray casting and whole scans, one core",
+    "crowd": "one tick of 22 pedestrians, one core",
+    "amcl": "AMCL updates with fixed particle counts, one core",
+    "world": "control steps of a scenario on one core, AMCL included, no policy",
     "policy": "policy inference on real observations, one core",
     "learner": "forward and backward of both nets",
     "transport": "acknowledged uploads over zenoh, actor in another process",
     "train": "whole training, learner and actors",
 }
 """Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""
+COMPARED = ("laser", "crowd", "amcl", "world")
+"""What other packages do too: ``lndrl.bench.peers.NAME`` has ``measure_peers(seconds)``, which
+returns ``{peer: {key: figure}}`` of the same work in the same run."""
 
 REPETITIONS = 5
 _PACKAGES = {
@@ -34,6 +39,14 @@ _PACKAGES = {
     "torch": "torch",
     "pymunk": "pymunk",
     "zenoh": "eclipse-zenoh",
+    "amcl": "amcl",
+    "irsim": "ir-sim",
+    "irsim_x": "irsim-x",
+    "navground": "navground",
+    "pysocialforce": "pysocialforce",
+    "pyrvo": "pyrvo",
+    "range_libc": "pyrangelibc-danieldugas",
+    "raycast2D": "raycast2D",
 }
 
 
@@ -45,6 +58,19 @@ def measure(name: str, seconds: float) -> dict[str, Any]:
     if name not in BENCHMARKS:
         raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all")
     figures: dict[str, Any] = importlib.import_module(f"lndrl.bench.{name}").measure(seconds)
+    return figures
+
+
+def measure_peers(name: str, seconds: float) -> dict[str, Any]:
+    """The same work done by other packages, ``{peer: {key: figure}}``.
+
+    A peer that is not installed has one entry, ``missing``: how to get it. Raises UserError for
+    a benchmark without peers.
+    """
+    if name not in COMPARED:
+        raise UserError(f"--peers: {name} has no peers; those with: {', '.join(COMPARED)}")
+    module = importlib.import_module(f"lndrl.bench.peers.{name}")
+    figures: dict[str, Any] = module.measure_peers(seconds)
     return figures
 
 

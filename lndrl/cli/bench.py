@@ -11,8 +11,13 @@ from lndrl.errors import UserError
 
 def bench(
     name: Annotated[
-        str, typer.Argument(help="world, amcl, policy, learner, transport, train, or all")
+        str,
+        typer.Argument(help="laser, crowd, amcl, world, policy, learner, transport, train, or all"),
     ],
+    peers: Annotated[
+        bool,
+        typer.Option("--peers", help="also laser, crowd, amcl, world as other packages do them"),
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="print figures as JSON instead of tables")
     ] = False,
@@ -20,7 +25,7 @@ def bench(
         float, typer.Option(help="timed seconds per figure; more is steadier")
     ] = 5.0,
 ) -> None:
-    """Measure world, amcl, policy, learner, transport or train on this machine."""
+    """Measure a part of the system on this machine, beside its peers where asked."""
     import json
 
     from lndrl.bench import report
@@ -32,6 +37,8 @@ def bench(
     figures = {}
     for each in names:
         figures[each] = report.measure(each, seconds)
+        if peers and (name != "all" or each in report.COMPARED):
+            figures[each]["peers"] = report.measure_peers(each, seconds)
         if not json_output:
             print_tables(report.figures_table(each, figures[each]))
     facts = report.machine()

@@ -1,0 +1,1 @@
+"""The same work as the benchmarks, done by other packages (extra ``bench``)."""
