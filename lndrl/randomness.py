@@ -39,6 +39,17 @@ def stream_state(seed: int, *path: int) -> State:
     return np.asarray(sequence.generate_state(4, np.uint64), dtype=np.uint64)
 
 
+def episode_states(seed: int, world_id: int, episode: int) -> State:
+    """States of all streams of an episode, ``uint64[len(Stream), 4]``, row by ``Stream``.
+
+    The same for the same three numbers, whatever else runs; one mixing for all streams, because
+    episodes start often.
+    """
+    sequence = np.random.SeedSequence(seed, spawn_key=(int(world_id), int(episode)))
+    words = sequence.generate_state(4 * len(Stream), np.uint64)
+    return np.asarray(words, dtype=np.uint64).reshape(len(Stream), 4)
+
+
 _LAYERS = 256
 _TAIL = 3.6541528853610088  # start of the tail for 256 layers
 _LAYER_AREA = 0.00492867323399
@@ -145,4 +156,21 @@ def fill_normals(state, out):
         if accepted:
             out[i] = x
             i += 1
+    state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+
+
+@njit(cache=True, nogil=True)
+def fill_uniforms(state, out):
+    """Fill ``out`` (n,) with uniforms in [0, 1): the draws of ``uniform`` one after the other."""
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    for i in range(out.shape[0]):
+        bits = _rotate_left(s0 + s3, 23) + s0
+        shifted = s1 << np.uint64(17)
+        s2 ^= s0
+        s3 ^= s1
+        s1 ^= s2
+        s0 ^= s3
+        s2 ^= shifted
+        s3 = _rotate_left(s3, 45)
+        out[i] = np.float64(np.int64(bits >> np.uint64(11))) * (1.0 / 9007199254740992.0)
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig
 from lndrl.errors import UserError
+from lndrl.localization.angles import sincos
 from lndrl.localization.field import beam_factor, obstacle_distance
 from lndrl.maps.grid import OccupancyGrid, distance_field
 from lndrl.maps.raycast import clearance
@@ -94,8 +95,9 @@ def beam_ends(ranges, bearings, range_max, resolution, beams):
         if not (np.isfinite(reading) and np.isfinite(bearing)):
             broken += 1
         elif 0.0 <= reading < range_max:
-            beams[0, kept] = np.float32(reading * np.cos(bearing) / resolution)
-            beams[1, kept] = np.float32(reading * np.sin(bearing) / resolution)
+            sine, cosine = sincos(bearing)
+            beams[0, kept] = np.float32(reading * cosine / resolution)
+            beams[1, kept] = np.float32(reading * sine / resolution)
             kept += 1
     return kept, broken
 

@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numba import njit
 
-from lndrl.localization.angles import difference, sincos, wrap
-from lndrl.randomness import fill_normals, normal
+from lndrl.localization.angles import difference, sincos
+from lndrl.randomness import fill_normals
 
 LEAST_TRANSLATION = 0.01  # m; below it the direction of motion is only noise (ROS)
 
@@ -79,10 +79,19 @@ def move(particles, count, motion, noise):
 @njit(cache=True, nogil=True, error_model="numpy")
 def scatter(particles, count, pose, spread, state):
     """Gaussian cloud around ``pose``; ``spread`` holds the deviations of x, y (m) and yaw (rad)."""
+    for row in range(3):
+        fill_normals(state, particles[row, :count])
+    _place_around(particles, count, pose, spread)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+def _place_around(particles, count, pose, spread):
     for i in range(count):
-        particles[0, i] = pose[0] + spread[0] * normal(state)
-        particles[1, i] = pose[1] + spread[1] * normal(state)
-        yaw = wrap(pose[2] + spread[2] * normal(state))
+        particles[0, i] = pose[0] + spread[0] * particles[0, i]
+        particles[1, i] = pose[1] + spread[1] * particles[1, i]
+        yaw = pose[2] + spread[2] * particles[2, i]
+        yaw -= 2.0 * math.pi * np.floor((yaw + math.pi) * (0.5 / math.pi))
+        yaw = yaw if yaw < math.pi else -math.pi
         sine, cosine = sincos(yaw)
         particles[2, i] = yaw
         particles[3, i] = cosine

@@ -16,8 +16,9 @@ class PerfectLocalization:
     (3, 3), the latter two always zero.
     """
 
-    def __init__(self) -> None:
-        self.pose_estimated: NDArray[np.float64] = np.zeros(3)
+    def __init__(self, pose: NDArray[np.float64] | None = None) -> None:
+        """``pose`` (3,) is the memory to keep the estimate in; by default an own one."""
+        self.pose_estimated: NDArray[np.float64] = np.zeros(3) if pose is None else pose
         self.variance: NDArray[np.float64] = np.zeros(3)
         self.covariance: NDArray[np.float64] = np.zeros((3, 3))
         self.count = 1

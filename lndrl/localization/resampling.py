@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from lndrl.config import LocalizationConfig
 from lndrl.localization.angles import sincos
 from lndrl.localization.bins import bin_key, insert
-from lndrl.randomness import uniform
+from lndrl.randomness import fill_uniforms, uniform
+
+_BLOCK = 512  # particles drawn at a time; the usual set in one
 
 
 def kld_limits(config: LocalizationConfig) -> NDArray[np.int32]:
@@ -118,23 +120,58 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
     and the number of occupied bins. ``bins`` must be empty.
     """
     total = accumulate(weights, count, scratch.cumulative, scratch.guide)
+    if chance <= 0.0:
+        return _draw_set(source, count, total, target, scratch, bins, limits, state)
     most = limits.size - 1
     n = 0
     k = 0
     while n < most:
-        if chance > 0.0 and uniform(state) < chance:
+        if uniform(state) < chance:
             inject(target, n, field, state)
             key = bin_key(target[0, n], target[1, n], target[2, n], bins)
         else:
             i = draw(scratch.cumulative, scratch.guide, count, total, state)
-            target[0, n] = source[0, i]
-            target[1, n] = source[1, i]
-            target[2, n] = source[2, i]
-            target[3, n] = source[3, i]
-            target[4, n] = source[4, i]
+            for row in range(5):
+                target[row, n] = source[row, i]
             key = scratch.keys[i]
         scratch.bin_of[n], k = insert(key, bins, k)
         n += 1
         if n > limits[k]:
             break
+    return n, k
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _draw_set(source, count, total, target, scratch, bins, limits, state):
+    """``resample`` without injection: the same draws, in blocks.
+
+    Which particles are drawn is decided for a whole block before the first is copied, so that the
+    many loads that miss the cache wait together instead of one after the other.
+    """
+    most = limits.size - 1
+    chosen = scratch.indices[0]  # of the sensor model, which is done
+    uniforms = scratch.noise[0]
+    n = 0
+    k = 0
+    while n < most:
+        size = min(_BLOCK, most - n)
+        fill_uniforms(state, uniforms[:size])
+        for j in range(size):
+            u = uniforms[j]
+            i = np.int64(scratch.guide[np.int64(u * count)])
+            threshold = u * total
+            i = min(i + np.int64(scratch.cumulative[i] <= threshold), count - 1)
+            while i < count - 1 and scratch.cumulative[i] <= threshold:
+                i += 1
+            chosen[j] = i
+        for j in range(size):
+            scratch.bin_of[n + j], k = insert(scratch.keys[chosen[j]], bins, k)
+            if n + j + 1 > limits[k]:
+                size = j + 1
+                most = n + size
+                break
+        for row in range(5):
+            for j in range(size):
+                target[row, n + j] = source[row, chosen[j]]
+        n += size
     return n, k

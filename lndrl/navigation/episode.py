@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lndrl.navigation.reward import REWARD_PARTS
+from lndrl.navigation.track import Track
 
 Outcome = Literal["arrived", "collided", "lost", "timeout"]
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
@@ -65,21 +63,11 @@ class EpisodeRecord:
 
 
 class EpisodeTally:
-    """Running sums of one episode; ``record`` turns them into an EpisodeRecord.
+    """Sums of one episode, read from its ``Track``."""
 
-    ``sums`` (9,): the six reward parts, position error, angle error, sum of variances; they are
-    added up by ``reward.judge``.
-    """
-
-    def __init__(self) -> None:
-        self.sums: NDArray[np.float64] = np.zeros(9)
-        self.clear()
-
-    def clear(self) -> None:
-        """Start a new episode."""
-        self.sums[:] = 0.0
-        self.steps = 0
-        self.distance = 0.0
+    def __init__(self, track: Track) -> None:
+        self._track = track
+        self.sums = track.sums
 
     @property
     def episode_return(self) -> float:
@@ -88,14 +76,15 @@ class EpisodeTally:
 
     def record(self, world: int, episode: int, outcome: Outcome, time: float) -> EpisodeRecord:
         """The record of the episode so far; needs at least one step."""
-        position_error, angle_error, variance_sum = (self.sums[6:] / self.steps).tolist()
+        steps = int(self._track.steps[0])
+        position_error, angle_error, variance_sum = (self.sums[6:] / steps).tolist()
         return EpisodeRecord(
             world=world,
             episode=episode,
             outcome=outcome,
-            steps=self.steps,
+            steps=steps,
             time=float(time),
-            distance=float(self.distance),
+            distance=float(self._track.distance[0]),
             position_error=position_error,
             angle_error=angle_error,
             variance_sum=variance_sum,

@@ -7,56 +7,23 @@ observed, paid and judged. Ends, in this order: collided, lost, arrived, timeout
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from lndrl.config import RunConfig, TaskConfig, WorldConfig
-from lndrl.localization import AMCL, LikelihoodMap, PerfectLocalization, amcl_beam_stride
+from lndrl.config import RunConfig
+from lndrl.localization import AMCL, LikelihoodMap, PerfectLocalization
+from lndrl.localization.belief import belief_of
+from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
-from lndrl.navigation.observation import (
-    SCAN_COUNTS,
-    Observation,
-    _quantise,
-    dequantise,
-    goal_vector,
-    pedestrians_in_view,
-)
-from lndrl.navigation.reward import judge, reward_weights
+from lndrl.navigation.observation import Observation, dequantise
 from lndrl.navigation.snapshot import WorldSnapshot
-from lndrl.randomness import Stream, stream_state
-from lndrl.world import Place, World, beam_bearings
-
-
-@njit(cache=True, nogil=True)
-def _observe(
-    ranges,
-    scale,
-    pose_true,
-    position,
-    velocity,
-    extent,
-    pose_estimated,
-    variance,
-    goal,
-    yaw_start,
-    variance_limit,
-    scan,
-    people,
-    belief,
-):
-    """Fill one row of an Observation in a single call; returns the number of people."""
-    _quantise(ranges, scale, scan)
-    goal_vector(pose_estimated, variance, goal, yaw_start, variance_limit, belief)
-    return pedestrians_in_view(pose_true, position, velocity, extent, people)
-
-
-def steps_limit(world: WorldConfig, task: TaskConfig) -> int:
-    """Control steps until an episode is truncated (parameters §4.6), at least 1."""
-    return max(1, math.ceil(task.time_limit / (world.tick * world.ticks_per_step) - 1e-9))
+from lndrl.navigation.step import start_track
+from lndrl.navigation.track import OUTCOME_NAMES, track_of
+from lndrl.randomness import Stream, episode_states
+from lndrl.world import Place, World
 
 
 def build_surroundings(config: RunConfig) -> tuple[Place, LikelihoodMap]:
@@ -81,7 +48,8 @@ class Navigation:
 
     ``observation`` has the leading shape () and is rewritten in place by ``reset`` and ``step``;
     give a row of a larger Observation to have it filled there. Everything random derives from
-    (seed, world_id, episode).
+    (seed, world_id, episode). ``batch`` is the memory to live in, as its world ``index``; by
+    default an own one.
     """
 
     def __init__(
@@ -91,52 +59,68 @@ class Navigation:
         config: RunConfig,
         world_id: int,
         observation: Observation | None = None,
+        batch: NavigationBatch | None = None,
+        index: int = 0,
     ) -> None:
         self.config = config
-        self.place = place
         self.world_id = world_id
         self.seed = config.seed
         self.episode = -1
-        self.outcome: str = "unstarted"
-        self.world = World(place, config.world)
-        laser = config.world.laser
+        if batch is None:
+            if observation is None:
+                observation = Observation.zeros_for((), config)
+            batch = NavigationBatch(place, field, config, 1, observation.reshape(1))
+        self._settle(batch, index)
+
+    def _settle(self, batch: NavigationBatch, index: int) -> None:
+        """Live as world ``index`` of ``batch``."""
+        self.batch = batch
+        self.index = index
+        self.place = batch.place
+        self.steps_limit = batch.task.steps_limit
+        self.observation = batch.observation.take((index, Ellipsis))
+        self.world = World(batch.place, self.config.world, batch.world, index)
+        self._belief = belief_of(batch.beliefs, index)
         self.localization: AMCL | PerfectLocalization
-        if config.localization.kind == "perfect":
-            self.localization = PerfectLocalization()
+        if batch.perfect:
+            self.localization = PerfectLocalization(self._belief.pose)
         else:
-            self.localization = AMCL(field, config.localization, laser)
-        self.observation = Observation.zeros_for((), config) if observation is None else observation
-        self._stride = amcl_beam_stride(laser, config.localization)
-        self._bearings = beam_bearings(laser)[:: self._stride].astype(np.float32)
-        self._ranges = np.empty(len(self._bearings), np.float32)
-        self._variance = np.zeros(3)
-        self._scale = SCAN_COUNTS / laser.range_max
-        self._weights = reward_weights(config.task.reward)
-        self._parts = np.zeros(6)
-        self._tally = EpisodeTally()
-        self._before = np.zeros((2, 3))  # true and estimated pose before the step
-        task = config.task
-        self._limits = (task.lost_distance, task.lost_angle, task.arrive_distance)
-        self.steps_limit = steps_limit(config.world, config.task)
-        self._path = np.zeros((self.steps_limit + 1, 2))
-        self._path_estimated = np.zeros((self.steps_limit + 1, 2))
+            self.localization = AMCL(
+                batch.field,
+                batch.localization,
+                self.config.world.laser,
+                self._belief,
+                batch.shared.scratch,
+                batch.shared.bins,
+            )
+        self.track = track_of(batch.tracks, index)
+        self.scan = self.track.scan
+        self._tally = EpisodeTally(self.track)
+        self._only = slice(index, index + 1)
+        self._command = np.zeros((1, 2))
 
     @property
     def steps(self) -> int:
         """Control steps taken in the episode."""
-        return self._tally.steps
+        return int(self.track.steps[0])
+
+    @property
+    def outcome(self) -> str:
+        """How the episode ended; "" while it runs, "unstarted" before the first."""
+        return OUTCOME_NAMES[self.track.outcome[0]] if self.episode >= 0 else "unstarted"
 
     def reset(self, episode: int | None = None) -> None:
         """Start ``episode``, by default the one after the last; observes the start."""
         self.episode = self.episode + 1 if episode is None else episode
-        self.outcome = ""
-        self._tally.clear()
-        self.world.reset(self.seed, self.world_id, self.episode)
-        state = stream_state(self.seed, self.world_id, self.episode, Stream.LOCALIZATION)
-        self.localization.reset(self.world.start_pose, state)
-        self._sense()
+        states = episode_states(self.seed, self.world_id, self.episode)
+        self.world.reset(self.seed, self.world_id, self.episode, states)
+        self.localization.reset(self.world.start_pose, states[Stream.LOCALIZATION])
+        batch = self.batch
+        start_track(
+            self.world.robot, self.world.people, self._belief, self.track,
+            batch.world.setting, batch.world.scratch, batch.shared,
+        )  # fmt: skip
         self._observe()
-        self._note_path()
 
     def step(self, v: float, w: float) -> Transition:
         """Drive with ``v`` (m/s) and ``w`` (rad/s) for one control step.
@@ -145,96 +129,33 @@ class Navigation:
         """
         if self.outcome:
             raise RuntimeError("no episode runs; call reset() first")
-        self._before[0] = self.world.pose_true
-        self._before[1] = self.localization.pose_estimated
-        collided = self._drive(v, w)
-        self._observe()
-        return self._judge(collided)
+        self._drive(v, w)
+        self.batch.judge(self._only)
+        return self.transition()
 
-    def _drive(self, v: float, w: float) -> bool:
-        """Run the ticks of one control step; True when one of them ended in a collision."""
-        world = self.world
-        pose = world.pose_true
-        world.begin_step(v, w)
-        last = self.config.world.ticks_per_step - 1
-        for tick in range(last + 1):
-            x, y = pose[0], pose[1]
-            collided = world.tick()
-            self._tally.distance += math.hypot(pose[0] - x, pose[1] - y)
-            if collided or tick == last:
-                self._sense()
-                break
-            # The policy never sees these scans: only the beams that AMCL uses are cast.
-            self._localize(world.scan_sparse(self._stride))
-        return collided
-
-    def _sense(self) -> None:
-        """A full scan, and its share for the localization."""
-        self.scan = self.world.scan()
-        self._ranges[:] = self.scan[:: self._stride]
-        self._localize(self._ranges)
-
-    def _localize(self, ranges: NDArray[np.float32]) -> None:
-        if isinstance(self.localization, PerfectLocalization):
-            self.localization.set_truth(self.world.pose_true)
-        self.localization.update(self.world.pose_odometry, ranges, self._bearings)
-        self._variance[:] = self.localization.variance
+    def _drive(self, v: float, w: float) -> None:
+        self._command[0] = v, w
+        self.batch.drive(self._command, self._only)
 
     def _observe(self) -> None:
-        world, row, task = self.world, self.observation, self.config.task
-        row.pedestrian_count[...] = _observe(
-            self.scan,
-            self._scale,
-            world.pose_true,
-            world.pedestrian_position,
-            world.pedestrian_velocity,
-            task.map_extent,
-            self.localization.pose_estimated,
-            self._variance,
-            world.goal,
-            world.start_pose[2],
-            task.variance_limit,
-            row.scan,
-            row.pedestrians,
-            row.goal,
-        )
+        self.batch.observe(self._only)
 
-    def _judge(self, collided: bool) -> Transition:
-        """Pay the step and see whether it ends the episode."""
-        reward, lost, arrived = judge(
-            self._before,
-            self.world.pose_true,
-            self.localization.pose_estimated,
-            self._variance,
-            self.world.goal,
-            collided,
-            self._limits,
-            self._weights,
-            self._parts,
-            self._tally.sums,
-        )
-        self._tally.steps += 1
-        self._note_path()
-        outcome = self._end(collided, lost, arrived)
-        if outcome is None:
-            return Transition(reward, self._parts.copy(), False, False, None)
-        self.outcome = outcome
-        record = self._tally.record(self.world_id, self.episode, outcome, self.world.time)
+    def transition(self) -> Transition:
+        """The control step that has just been judged."""
+        outcome = self.outcome
         timeout = outcome == "timeout"
-        return Transition(reward, self._parts.copy(), not timeout, timeout, record)
+        return Transition(
+            reward=float(self.track.reward[0]),
+            parts=self.track.parts.copy(),
+            terminated=bool(outcome) and not timeout,
+            truncated=timeout,
+            record=self.record() if outcome else None,
+        )
 
-    def _end(self, collided: bool, lost: bool, arrived: bool) -> Outcome | None:
-        if collided:
-            return "collided"
-        if lost:
-            return "lost"
-        if arrived:
-            return "arrived"
-        return "timeout" if self.steps >= self.steps_limit else None
-
-    def _note_path(self) -> None:
-        self._path[self.steps] = self.world.pose_true[:2]
-        self._path_estimated[self.steps] = self.localization.pose_estimated[:2]
+    def record(self) -> EpisodeRecord:
+        """Of the episode that has just ended."""
+        outcome = cast(Outcome, self.outcome)
+        return self._tally.record(self.world_id, self.episode, outcome, self.world.time)
 
     def snapshot(self) -> WorldSnapshot:
         """Everything a drawing needs, copied; needs a started episode."""
@@ -249,11 +170,11 @@ class Navigation:
             world=self.world_id,
             episode=self.episode,
             steps=self.steps,
-            time=float(world.time),
+            time=world.time,
             outcome=self.outcome,
             pose_true=world.pose_true.copy(),
             pose_estimated=self.localization.pose_estimated.copy(),
-            variance=self._variance.copy(),
+            variance=self.track.variance.copy(),
             particles=self.localization.particles.copy(),
             start_pose=world.start_pose.copy(),
             goal=world.goal.copy(),
@@ -268,7 +189,7 @@ class Navigation:
             pedestrian_radius=config.task.pedestrian_radius,
             leg_radius=config.world.crowd.leg_radius,
             robot_radius=config.world.robot_radius,
-            path=self._path[:seen].copy(),
-            path_estimated=self._path_estimated[:seen].copy(),
+            path=self.track.path[:seen].copy(),
+            path_estimated=self.track.path_estimated[:seen].copy(),
             episode_return=self._tally.episode_return,
         )

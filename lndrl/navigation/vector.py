@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from lndrl.config import RunConfig
 from lndrl.localization import LikelihoodMap
 from lndrl.navigation.actions import action_table
+from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord
 from lndrl.navigation.navigation import Navigation, build_surroundings
 from lndrl.navigation.observation import Observation
+from lndrl.navigation.track import RUNNING, TIMEOUT
 from lndrl.world import Place
 
 
@@ -56,8 +58,9 @@ class VectorNavigation:
         self.on_end: Callable[[Navigation, EpisodeRecord], None] | None = None
         self._final = Observation.zeros_for(worlds, config)
         place, field = surroundings or build_surroundings(config)
+        self._batch = NavigationBatch(place, field, config, worlds, self.observation)
         self.worlds = [
-            Navigation(place, field, config, first_world + i, self.observation.take((i, Ellipsis)))
+            Navigation(place, field, config, first_world + i, batch=self._batch, index=i)
             for i in range(worlds)
         ]
         self.reset_all()
@@ -82,23 +85,26 @@ class VectorNavigation:
         number = len(self.worlds)
         if velocities.shape != (number, 2):
             raise ValueError(f"expected commands for {number} worlds, not {velocities.shape}")
+        self._batch.drive(np.ascontiguousarray(velocities, dtype=np.float64))
+        self._batch.judge()
+        outcome = self._batch.tracks.outcome[:, 0]
         result = StepResult(
-            reward=np.empty(number, np.float32),
-            terminated=np.zeros(number, np.bool_),
-            truncated=np.zeros(number, np.bool_),
+            reward=self._batch.tracks.reward[:, 0].astype(np.float32),
+            terminated=(outcome != RUNNING) & (outcome != TIMEOUT),
+            truncated=outcome == TIMEOUT,
             final_observation=self._final,
             episodes=[],
         )
-        for i, (world, (v, w)) in enumerate(zip(self.worlds, velocities.tolist(), strict=True)):
-            transition = world.step(v, w)
-            result.reward[i] = transition.reward
-            if transition.record is None:
-                continue
-            result.terminated[i] = transition.terminated
-            result.truncated[i] = transition.truncated
-            result.episodes.append(transition.record)
-            self._final.put(i, world.observation)
-            if self.on_end is not None:
-                self.on_end(world, transition.record)
-            world.reset()
+        for i in np.flatnonzero(outcome).tolist():
+            self._end(i, result)
         return result
+
+    def _end(self, i: int, result: StepResult) -> None:
+        """Write down world ``i``'s episode, which has ended, and start its next one."""
+        world = self.worlds[i]
+        record = world.record()
+        result.episodes.append(record)
+        self._final.put(i, world.observation)
+        if self.on_end is not None:
+            self.on_end(world, record)
+        world.reset()

@@ -2,6 +2,6 @@
 
 from lndrl.world.laser import beam_bearings
 from lndrl.world.place import Place
-from lndrl.world.world import World
+from lndrl.world.world import World, WorldBatch
 
-__all__ = ["Place", "World", "beam_bearings"]
+__all__ = ["Place", "World", "WorldBatch", "beam_bearings"]

@@ -1,7 +1,7 @@
-"""Does the robot touch a wall or a leg? pymunk decides; a cheap test spares it most ticks.
+"""Does the robot touch a wall or a leg? Exact distances from its disc to outlines and leg discs.
 
-The walls are the scenario's exact geometry, not its cells. Only the two legs of a pedestrian are
-solid, as in the group's simulator (parameters §4.1).
+The walls are the place's outlines, not its cells. Only the two legs of a pedestrian are solid, as
+in the group's simulator (parameters §4.1). The tests hold this against pymunk.
 """
 
 from __future__ import annotations
@@ -9,121 +9,65 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import pymunk
-import pymunk.batch
 from numba import njit
-from numpy.typing import NDArray
-
-from lndrl.scenario import Obstacle, Scenario
 
 Hit = Literal["", "wall", "pedestrian"]
+HITS: tuple[Hit, Hit, Hit] = ("", "wall", "pedestrian")
+"""What the numbers that ``contact`` returns mean."""
+NOTHING, WALL, PEDESTRIAN = range(3)
 
-_WALL, _LEG = 1, 2
-_ASIDE = 1e6  # m; where legs of absent pedestrians wait
-_SLACK = 3.0  # cells; geometry and cells differ by less
-
-
-class Contacts:
-    """A pymunk space with the walls of one scenario and up to ``legs`` leg discs."""
-
-    def __init__(
-        self, scenario: Scenario, robot_radius: float, leg_radius: float, legs: int
-    ) -> None:
-        self.robot_radius = robot_radius
-        self.leg_radius = leg_radius
-        self._space = pymunk.Space()
-        for shape in _wall_shapes(scenario, self._space.static_body):
-            shape.collision_type = _WALL
-            self._space.add(shape)
-        self._legs = np.full((legs, 2), _ASIDE)
-        for _ in range(legs):
-            body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-            disc = pymunk.Circle(body, leg_radius)
-            disc.collision_type = _LEG
-            disc.filter = pymunk.ShapeFilter(group=1)  # legs ignore each other
-            self._space.add(body, disc)
-        self._buffer = pymunk.batch.Buffer()
-        self._buffer.set_float_buf(self._legs)
-        self._filter = pymunk.ShapeFilter()
-
-    def hit(
-        self,
-        pose: NDArray[np.float64],
-        legs: NDArray[np.float64],
-        distance: NDArray[np.float32],
-        resolution: float,
-    ) -> Hit:
-        """What the robot's disc at ``pose`` touches: "", "wall" or "pedestrian".
-
-        ``legs`` is ``(L, 2)`` (m), ``distance`` the map's field with cells of ``resolution`` m.
-        Where it touches both, the one it overlaps more.
-        """
-        if not may_touch(
-            pose, legs, distance, 1.0 / resolution, self.robot_radius, self.leg_radius
-        ):
-            return ""
-        self._legs[: len(legs)] = legs
-        self._legs[len(legs) :] = _ASIDE
-        if len(self._legs):
-            pymunk.batch.set_space_bodies(
-                self._space, pymunk.batch.BodyFields.POSITION, self._buffer
-            )
-            self._space.step(1e-9)  # nothing moves: refreshes the spatial index
-        info = self._space.point_query_nearest(
-            (float(pose[0]), float(pose[1])), self.robot_radius, self._filter
-        )
-        if info is None or info.shape is None:
-            return ""
-        return "wall" if info.shape.collision_type == _WALL else "pedestrian"
+_SLACK = 3.0  # cells; outlines and cells differ by less
 
 
 @njit(cache=True, nogil=True)
-def may_touch(pose, legs, distance, inverse_resolution, robot_radius, leg_radius):
-    """False when the robot certainly touches nothing."""
-    rows, columns = distance.shape
-    column = int(np.floor(pose[0] * inverse_resolution))
-    row = int(np.floor(pose[1] * inverse_resolution))
-    if row < 0 or column < 0 or row >= rows or column >= columns:
-        return True
-    if distance[row, column] <= robot_radius + _SLACK / inverse_resolution:
-        return True
-    reach2 = (robot_radius + leg_radius + 1e-6) ** 2
+def wall_gap(x, y, walls):
+    """Metres from a point to the nearest of ``walls`` (S, 4) [x0, y0, x1, y1] (m); inf for none."""
+    nearest2 = np.inf
+    for i in range(len(walls)):
+        along_x = walls[i, 2] - walls[i, 0]
+        along_y = walls[i, 3] - walls[i, 1]
+        from_x = x - walls[i, 0]
+        from_y = y - walls[i, 1]
+        length2 = along_x * along_x + along_y * along_y
+        share = 0.0
+        if length2 > 0.0:
+            share = min(max((from_x * along_x + from_y * along_y) / length2, 0.0), 1.0)
+        dx = from_x - share * along_x
+        dy = from_y - share * along_y
+        nearest2 = min(nearest2, dx * dx + dy * dy)
+    return np.sqrt(nearest2)
+
+
+@njit(cache=True, nogil=True)
+def contact(pose, legs, walls, distance, inverse_resolution, robot_radius, leg_radius):
+    """What the robot's disc at ``pose`` touches: NOTHING, WALL or PEDESTRIAN.
+
+    ``legs`` (L, 2) centres (m); ``walls`` as in ``wall_gap``; ``distance`` is the map's field (m),
+    which spares the walls wherever they are far. Off the grid is a wall. Where it touches both,
+    the one it overlaps more.
+    """
+    overlap = -1.0
+    hit = NOTHING
+    reach = robot_radius + leg_radius
     for i in range(len(legs)):
-        if (legs[i, 0] - pose[0]) ** 2 + (legs[i, 1] - pose[1]) ** 2 <= reach2:
-            return True
-    return False
-
-
-def _wall_shapes(scenario: Scenario, body: pymunk.Body) -> list[pymunk.Shape]:
-    width, height = scenario.size
-    shapes: list[pymunk.Shape] = []
-    if scenario.wall > 0:
-        t = scenario.wall
-        # A metre thicker to the outside, so that nobody ends up behind them.
-        shapes += [
-            _box(body, -1.0, -1.0, t, height + 1.0),
-            _box(body, width - t, -1.0, width + 1.0, height + 1.0),
-            _box(body, -1.0, -1.0, width + 1.0, t),
-            _box(body, -1.0, height - t, width + 1.0, height + 1.0),
-        ]
-    for obstacle in scenario.obstacles:
-        shapes += _obstacle_shapes(obstacle, body)
-    return shapes
-
-
-def _obstacle_shapes(obstacle: Obstacle, body: pymunk.Body) -> list[pymunk.Shape]:
-    if obstacle.box is not None:
-        return [_box(body, *obstacle.box)]
-    if obstacle.circle is not None:
-        x, y, radius = obstacle.circle
-        return [pymunk.Circle(body, radius, (x, y))]
-    corners = obstacle.polygon or []
-    # Edges, not a solid: pymunk's polygons are convex, and no tick jumps over a robot's radius.
-    return [
-        pymunk.Segment(body, a, b, 0.0)
-        for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
-    ]
-
-
-def _box(body: pymunk.Body, x0: float, y0: float, x1: float, y1: float) -> pymunk.Poly:
-    return pymunk.Poly(body, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+        dx = legs[i, 0] - pose[0]
+        dy = legs[i, 1] - pose[1]
+        gap2 = dx * dx + dy * dy
+        if gap2 <= reach * reach:
+            depth = reach - np.sqrt(gap2)
+            if depth > overlap:
+                overlap = depth
+                hit = PEDESTRIAN
+    rows, columns = distance.shape
+    column = np.floor(pose[0] * inverse_resolution)
+    row = np.floor(pose[1] * inverse_resolution)
+    if not (0.0 <= row < rows and 0.0 <= column < columns):
+        return WALL
+    if distance[int(row), int(column)] <= robot_radius + _SLACK / inverse_resolution:
+        depth = robot_radius - wall_gap(pose[0], pose[1], walls)
+        if distance[int(row), int(column)] == 0.0:
+            # The centre itself is inside something solid, where outlines are only its border.
+            depth = 2.0 * robot_radius - max(depth, 0.0)
+        if depth >= 0.0 and depth > overlap:
+            hit = WALL
+    return hit

@@ -2,19 +2,127 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import WorldConfig
-from lndrl.randomness import Stream, stream_state, uniform
-from lndrl.world.contacts import Contacts, Hit
-from lndrl.world.laser import Laser
-from lndrl.world.odometry import draw_slip, move_robot
-from lndrl.world.pedestrians import Crowd
+from lndrl.maps.edges import RayMap
+from lndrl.randomness import State, Stream, episode_states, uniform
+from lndrl.world import people as crowd_arrays
+from lndrl.world.contacts import HITS, Hit, contact
+from lndrl.world.laser import Fan, Laser, LaserScratch, make_fan, make_laser_scratch, noisy_scan
+from lndrl.world.odometry import move_robot
+from lndrl.world.pedestrians import Crowd, advance_people, place_legs, walls_for
+from lndrl.world.people import CrowdParameters, People, Surroundings, make_people
 from lndrl.world.place import Place
-from lndrl.world.placement import place_crowd
+from lndrl.world.placement import Routes, make_routes, place_people
+from lndrl.world.robot import Robot, make_robots, robot_of, take_command
 
 Floats = NDArray[np.float64]
+
+
+class Setting(NamedTuple):
+    """What kernels need to know of a place and of how things move in it; never changed."""
+
+    surroundings: Surroundings
+    outlines: Floats  # (S, 4) wall segments, for contacts
+    crowd: CrowdParameters
+    rays: RayMap
+    fan: Fan
+    tick: float  # s
+    odometry_deviation: float
+    robot_radius: float  # m
+    leg_radius: float  # m
+
+
+class Scratch(NamedTuple):
+    """Working memory within one tick; one for all worlds of a thread."""
+
+    crowd: crowd_arrays.Scratch
+    laser: LaserScratch
+
+
+@njit(cache=True, nogil=True)
+def tick_world(robot, people, setting, scratch):
+    """One tick: people move, then the robot; ``robot.contact`` says what it touches then."""
+    advance_people(
+        people, robot.pose, robot.command, setting.surroundings, setting.crowd, scratch.crowd
+    )
+    move_robot(robot.pose, robot.odometry, robot.command, robot.slip, setting.tick)
+    robot.clock[0] += setting.tick
+    robot.contact[0] = contact(
+        robot.pose,
+        people.legs[: 2 * people.count[0]],
+        setting.outlines,
+        setting.surroundings.distance,
+        setting.surroundings.inverse_resolution,
+        setting.robot_radius,
+        setting.leg_radius,
+    )
+
+
+@njit(cache=True, nogil=True)
+def scan_world(robot, people, setting, scratch, stride, out):
+    """Noisy ranges (m) of beams 0, stride, 2 * stride, ... into ``out`` (float32)."""
+    legs = people.legs[: 2 * people.count[0]]
+    noisy_scan(
+        setting.rays, setting.fan, robot.pose, legs, setting.leg_radius, stride,
+        robot.laser_random, scratch.laser, out,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def start_world(robot, people, routes, setting, state):
+    """Begin an episode at ``robot.start``: everything still but the people, who are drawn."""
+    robot.pose[:] = robot.start
+    robot.odometry[:] = 0.0
+    robot.command[:] = 0.0
+    robot.slip[:] = 1.0
+    robot.clock[0] = 0.0
+    robot.contact[0] = 0
+    around = setting.surroundings
+    place_people(
+        people, routes, around.distance, around.inverse_resolution, robot.start,
+        setting.crowd.max_speed, 8.0 * setting.crowd.step_length, state,
+    )  # fmt: skip
+    place_legs(people, setting.crowd)
+
+
+class WorldBatch:
+    """Memory of ``worlds`` worlds in one place, and what they share.
+
+    ``robots`` and ``people`` have a leading world dimension; ``setting``, ``routes`` and
+    ``scratch`` serve all of them, as long as one thread runs them.
+    """
+
+    def __init__(self, place: Place, config: WorldConfig, worlds: int = 1) -> None:
+        pedestrians = place.scenario.pedestrians
+        waypoints = 2 + max((len(route.via) for route in pedestrians.routes), default=0)
+        capacity = pedestrians.count[1]
+        walls = walls_for(place.outlines, config.crowd)
+        self.place = place
+        self.config = config
+        self.robots = make_robots(worlds)
+        self.people = make_people(worlds, capacity, waypoints)
+        self.routes: Routes = make_routes(pedestrians)
+        self.setting = Setting(
+            surroundings=Surroundings(place.distance, 1.0 / place.grid.resolution, walls),
+            outlines=place.walls,
+            crowd=CrowdParameters.of(config.crowd, config.tick),
+            rays=place.rays,
+            fan=make_fan(config.laser),
+            tick=float(config.tick),
+            odometry_deviation=float(config.odometry_deviation),
+            robot_radius=float(config.robot_radius),
+            leg_radius=float(config.crowd.leg_radius),
+        )
+        self.scratch = Scratch(
+            crowd_arrays.make_scratch(capacity, config.crowd, walls),
+            make_laser_scratch(config.laser),
+        )
 
 
 class World:
@@ -25,71 +133,85 @@ class World:
     [x, y, yaw] with slip from (0, 0, 0) at the start. ``pedestrian_position``,
     ``pedestrian_velocity`` ``(P, 2)`` and ``leg_position`` ``(2P, 2)`` are views of this
     episode's P pedestrians. Call ``reset`` before anything else.
+
+    ``batch`` is the memory to live in, as its world number ``index``; by default an own one.
     """
 
-    def __init__(self, place: Place, config: WorldConfig) -> None:
-        people = place.scenario.pedestrians
-        waypoints = 2 + max((len(route.via) for route in people.routes), default=0)
+    def __init__(
+        self, place: Place, config: WorldConfig, batch: WorldBatch | None = None, index: int = 0
+    ) -> None:
+        self.batch = WorldBatch(place, config) if batch is None else batch
         self.place = place
         self.config = config
-        self.crowd = Crowd(people.count[1], waypoints, config.crowd, config.tick)
-        self.laser = Laser(config.laser, place.cells, place.grid.resolution)
-        self.pose_true = np.zeros(3)
-        self.pose_odometry = np.zeros(3)
-        self.start_pose = np.zeros(3)
-        self.goal = np.zeros(2)
-        self.command = np.zeros(2)
-        self.time = 0.0
-        self.collided_with: Hit = ""
-        self._contacts = Contacts(
-            place.scenario, config.robot_radius, config.crowd.leg_radius, 2 * people.count[1]
-        )
-        self._slip = np.ones(2)
-        self._inverse_resolution = 1.0 / place.grid.resolution
-        self._laser_state = stream_state(0)
-        self._odometry_state = stream_state(0)
-        self._set_views()
+        self.robot: Robot = robot_of(self.batch.robots, index)
+        self.people: People = self.batch.people.world(index)
+        self.pose_true = self.robot.pose
+        self.pose_odometry = self.robot.odometry
+        self.start_pose = self.robot.start
+        self.goal = self.robot.goal
+        self.command = self.robot.command
 
-    def reset(self, seed: int, world_id: int, episode: int) -> None:
+    @property
+    def time(self) -> float:
+        """Seconds since the start of the episode."""
+        return float(self.robot.clock[0])
+
+    @property
+    def collided_with(self) -> Hit:
+        """What the robot touched after the last tick, "" for nothing."""
+        return HITS[self.robot.contact[0]]
+
+    @property
+    def pedestrian_count(self) -> int:
+        """People in this episode."""
+        return int(self.people.count[0])
+
+    @property
+    def pedestrian_position(self) -> Floats:
+        """View ``(P, 2)`` (m)."""
+        return self.people.position[: self.people.count[0]]
+
+    @property
+    def pedestrian_velocity(self) -> Floats:
+        """View ``(P, 2)`` (m/s)."""
+        return self.people.velocity[: self.people.count[0]]
+
+    @property
+    def leg_position(self) -> Floats:
+        """View ``(2P, 2)`` (m)."""
+        return self.people.legs[: 2 * self.people.count[0]]
+
+    def reset(
+        self, seed: int, world_id: int, episode: int, states: State | None = None
+    ) -> None:
         """Start the episode that (seed, world_id, episode) stand for, bit for bit the same.
 
-        Raises UserError when the scenario offers no start and goal (see ``Place.draw_task``).
+        ``states`` are that episode's ``episode_states`` where the caller has them. Raises
+        UserError when the scenario offers no start and goal (see ``Place.draw_task``).
         """
-        layout = stream_state(seed, world_id, episode, Stream.LAYOUT)
-        people = stream_state(seed, world_id, episode, Stream.PEDESTRIANS)
-        self._laser_state = stream_state(seed, world_id, episode, Stream.LASER)
-        self._odometry_state = stream_state(seed, world_id, episode, Stream.ODOMETRY)
+        if states is None:
+            states = episode_states(seed, world_id, episode)
+        layout = states[Stream.LAYOUT]
         start, goal = self.place.draw_task(layout)
         self.start_pose[:] = (*start, np.pi * (2.0 * uniform(layout) - 1.0))
-        self.pose_true[:] = self.start_pose
         self.goal[:] = goal
-        self.pose_odometry[:] = 0.0
-        self.command[:] = 0.0
-        self._slip[:] = 1.0
-        self.time = 0.0
-        self.collided_with = ""
-        place_crowd(self.crowd, self.place, self.config.crowd, self.pose_true, people)
-        self._set_views()
+        self.robot.laser_random[:] = states[Stream.LASER]
+        self.robot.odometry_random[:] = states[Stream.ODOMETRY]
+        batch = self.batch
+        start_world(
+            self.robot, self.people, batch.routes, batch.setting, states[Stream.PEDESTRIANS]
+        )
 
     def begin_step(self, v: float, w: float) -> None:
-        """Command v (m/s), w (rad/s) for the coming ticks; draws the odometer's slip."""
-        self.command[0] = v
-        self.command[1] = w
-        draw_slip(self._slip, self.config.odometry_deviation, self._odometry_state)
+        """Set the command of the coming ticks (m/s, rad/s); draws the odometer's slip."""
+        take_command(self.robot, v, w, self.config.odometry_deviation)
 
     def tick(self) -> bool:
         """``config.tick`` seconds pass: people move, then the robot; True when it now touches
         something (``collided_with`` says what).
         """
-        self.crowd.advance(
-            self.pose_true, self.command, self.place.distance, self._inverse_resolution
-        )
-        move_robot(self.pose_true, self.pose_odometry, self.command, self._slip, self.config.tick)
-        self.time += self.config.tick
-        self.collided_with = self._contacts.hit(
-            self.pose_true, self.leg_position, self.place.distance, self.place.grid.resolution
-        )
-        return self.collided_with != ""
+        tick_world(self.robot, self.people, self.batch.setting, self.batch.scratch)
+        return bool(self.robot.contact[0] != 0)
 
     def scan(self) -> NDArray[np.float32]:
         """Ranges of all beams with noise (m, in [0, range_max]), a new ``(beams,)`` array."""
@@ -97,17 +219,6 @@ class World:
 
     def scan_sparse(self, stride: int) -> NDArray[np.float32]:
         """Ranges of beams 0, stride, 2 * stride, ... with noise (m), a new array."""
-        return self.laser.scan(
-            self.pose_true,
-            self.leg_position,
-            self.config.crowd.leg_radius,
-            self._laser_state,
-            stride,
-        )
-
-    def _set_views(self) -> None:
-        count = self.crowd.count
-        self.pedestrian_count = count
-        self.pedestrian_position: Floats = self.crowd.position[:count]
-        self.pedestrian_velocity: Floats = self.crowd.velocity[:count]
-        self.leg_position: Floats = self.crowd.legs[: 2 * count]
+        out = np.empty(-(-self.config.laser.beams // stride), dtype=np.float32)
+        scan_world(self.robot, self.people, self.batch.setting, self.batch.scratch, stride, out)
+        return out

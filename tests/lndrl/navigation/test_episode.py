@@ -7,12 +7,14 @@ import json
 import pytest
 
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally
+from lndrl.navigation.track import make_tracks, track_of
 
 
 def made_record() -> EpisodeRecord:
-    tally = EpisodeTally()
-    tally.distance = 1.5
-    tally.steps = 2
+    track = track_of(make_tracks(1, 4, 5), 0)
+    track.distance[0] = 1.5
+    track.steps[0] = 2
+    tally = EpisodeTally(track)
     tally.sums += [60.0, 4.0, 500.0, 0.0, 0.0, -10.0, 0.4, 0.6, 1.2]
     return tally.record(3, 7, "arrived", 0.8)
 
@@ -30,16 +32,6 @@ def test_tally_means_and_sums() -> None:
 def test_round_trip_through_json() -> None:
     record = made_record()
     assert EpisodeRecord.from_dict(json.loads(json.dumps(record.to_dict()))) == record
-
-
-def test_clear_starts_afresh() -> None:
-    tally = EpisodeTally()
-    tally.sums += 1.0
-    tally.steps, tally.distance = 4, 2.0
-    tally.clear()
-    tally.steps += 1
-    record = tally.record(0, 0, "lost", 0.4)
-    assert record.steps == 1 and record.episode_return == 0.0 and record.distance == 0.0
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,12 @@ import pickle
 import numpy as np
 import pytest
 
+from lndrl import localization
 from lndrl.config import RunConfig
 from lndrl.navigation.navigation import Navigation, Transition, build_surroundings
 from lndrl.navigation.render import render_snapshot
+from lndrl.randomness import Stream, episode_states
+from lndrl.world import World, beam_bearings
 
 SCENARIO = {
     "name": "small",
@@ -133,37 +136,56 @@ def test_people_are_seen_relative_to_the_true_robot() -> None:
     assert np.abs(rows - expected).max(axis=1).min() < 1e-6
 
 
-def test_sensing_within_a_step() -> None:
-    navigation = started()
-    world, calls = navigation.world, []
-    tick, scan_sparse = world.tick, world.scan_sparse
-    world.tick = lambda: calls.append("tick") or tick()
-    world.scan_sparse = lambda stride: calls.append(stride) or scan_sparse(stride)
-    world.scan = lambda: world.scan_sparse(1)
-    heard = []
-    update = navigation.localization.update
-    navigation.localization.update = lambda *a: heard.append([x.copy() for x in a]) or update(*a)
-    navigation.step(0.2, 0.0)
-    assert calls == ["tick", 12] * 3 + ["tick", 1]
-    assert len(heard) == 4
-    odometry, ranges, bearings = heard[-1]
-    assert ranges.shape == bearings.shape == (60,)
-    np.testing.assert_array_equal(ranges, navigation.scan[:720:12])
-    assert bearings[0] == pytest.approx(-math.pi / 2)
-    assert bearings[1] - bearings[0] == pytest.approx(math.pi / 60, abs=1e-6)
-    assert odometry[0] > heard[0][0][0] > 0.0
+def test_a_compiled_step_is_its_parts_one_after_the_other() -> None:
+    """The slow twin: world and filter called from Python, tick by tick."""
+    navigation = started(episode=2)
+    place, field = SURROUNDINGS
+    world = World(place, AMCL.world)
+    filter_ = localization.AMCL(field, AMCL.localization, AMCL.world.laser)
+    bearings = beam_bearings(AMCL.world.laser)[::12].astype(np.float32)
+    states = episode_states(AMCL.seed, 0, 2)
+    world.reset(AMCL.seed, 0, 2)
+    filter_.reset(world.start_pose, states[Stream.LOCALIZATION])
+    scan = world.scan()
+    filter_.update(world.pose_odometry, scan[::12], bearings)
+    for v, w in [(0.4, 0.3), (0.2, -0.9), (0.0, 0.0), (0.2, 0.9), (0.4, 0.0)]:
+        assert navigation.step(v, w).record is None
+        world.begin_step(v, w)
+        for _ in range(3):
+            world.tick()
+            filter_.update(world.pose_odometry, world.scan_sparse(12), bearings)
+        world.tick()
+        scan = world.scan()
+        filter_.update(world.pose_odometry, scan[::12], bearings)
+        np.testing.assert_array_equal(navigation.scan, scan)
+        for ours, twins in [
+            (navigation.world.pose_true, world.pose_true),
+            (navigation.world.pose_odometry, world.pose_odometry),
+            (navigation.world.pedestrian_position, world.pedestrian_position),
+            (navigation.world.leg_position, world.leg_position),
+            (navigation.localization.pose_estimated, filter_.pose_estimated),
+            (navigation.localization.covariance, filter_.covariance),
+            (navigation.localization.particles, filter_.particles),
+            (navigation.track.variance, filter_.variance),
+        ]:
+            np.testing.assert_array_equal(ours, twins)
+    assert navigation.world.time == pytest.approx(2.0)
 
 
 class Script:
-    """Overrides what a navigation's world and localization report."""
+    """A navigation whose steps end with what the test tells it."""
 
     def __init__(self, collide=False, offset=(0.0, 0.0, 0.0), at_goal=False) -> None:
-        self.navigation = started(PERFECT)
-        world, belief = self.navigation.world, self.navigation.localization
-        if collide:
-            world.tick = lambda: True
-        truth_to = belief.set_truth
-        belief.set_truth = lambda pose: truth_to(pose + np.array(offset))
+        self.navigation = navigation = started(PERFECT)
+        world = navigation.world
+        drive = navigation._drive
+
+        def scripted(v: float, w: float) -> None:
+            drive(v, w)
+            world.robot.contact[0] = 1 if collide else 0
+            navigation.localization.pose_estimated[:] = world.pose_true + np.array(offset)
+
+        navigation._drive = scripted
         if at_goal:
             world.goal[:] = world.pose_true[:2] + np.array(offset[:2]) + [0.2, 0.2]
 
@@ -213,14 +235,16 @@ def test_being_at_the_goal_without_believing_it_is_no_arrival() -> None:
 
 
 def test_collision_ends_the_step_at_once() -> None:
-    script = Script(collide=True)
-    ticks = []
-    script.navigation.world.tick = lambda: ticks.append(1) or len(ticks) == 2
-    scans = []
-    scan = script.navigation.world.scan
-    script.navigation.world.scan = lambda: scans.append(len(ticks)) or scan()
-    assert script.step().record is not None
-    assert len(ticks) == 2 and scans == [2]  # the full scan is taken where it happened
+    navigation = started(PERFECT)
+    world = navigation.world
+    # 0.06 m a tick: the first of four leaves 0.01 m, the second touches the outer wall.
+    world.pose_true[:] = [14.0 - 0.1 - 0.17 - 0.07, 5.0, 0.0]
+    world.people.count[0] = 0
+    record = navigation.step(0.6, 0.0).record
+    assert record is not None and record.outcome == "collided"
+    assert world.collided_with == "wall"
+    assert record.time == pytest.approx(0.2) and record.distance == pytest.approx(0.12)
+    assert navigation.scan[360] == pytest.approx(0.12, abs=0.1)  # taken where it happened
 
 
 def test_time_limit_truncates() -> None:
@@ -235,8 +259,13 @@ def test_time_limit_truncates() -> None:
 
 def test_record_measures_the_true_path_and_mean_errors() -> None:
     navigation = started(made_config(localization={"kind": "perfect"}, task={"time_limit": 1.6}))
-    truth_to = navigation.localization.set_truth
-    navigation.localization.set_truth = lambda pose: truth_to(pose + np.array([0.3, 0.4, -0.1]))
+    drive = navigation._drive
+
+    def misled(v: float, w: float) -> None:
+        drive(v, w)
+        navigation.localization.pose_estimated[:] += [0.3, 0.4, -0.1]
+
+    navigation._drive = misled
     for _ in range(4):
         record = navigation.step(0.2, 0.9).record
     assert record is not None

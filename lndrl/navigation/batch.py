@@ -1,0 +1,114 @@
+"""Memory of many worlds of one place with their beliefs and episodes, and their common step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.config import RunConfig, TaskConfig, WorldConfig
+from lndrl.localization import LikelihoodMap, amcl_beam_stride
+from lndrl.localization.belief import make_beliefs, make_field, make_scratch, make_settings
+from lndrl.localization.bins import make_bins
+from lndrl.localization.resampling import kld_limits
+from lndrl.navigation.observation import SCAN_COUNTS, Observation
+from lndrl.navigation.reward import reward_weights
+from lndrl.navigation.step import Filter, Task, Views, drive_worlds, judge_worlds, observe_worlds
+from lndrl.navigation.track import make_tracks
+from lndrl.world import Place, WorldBatch, beam_bearings
+
+
+def steps_limit(world: WorldConfig, task: TaskConfig) -> int:
+    """Control steps until an episode is truncated (parameters §4.6), at least 1."""
+    return max(1, math.ceil(task.time_limit / (world.tick * world.ticks_per_step) - 1e-9))
+
+
+class NavigationBatch:
+    """``worlds`` worlds of one place, stepped together by compiled code.
+
+    ``observation`` (worlds, ...) is where they show themselves. Working memory is shared by all of
+    them: one thread at a time.
+    """
+
+    def __init__(
+        self,
+        place: Place,
+        field: LikelihoodMap,
+        config: RunConfig,
+        worlds: int,
+        observation: Observation,
+    ) -> None:
+        laser, localization = config.world.laser, config.localization
+        self.perfect = localization.kind == "perfect"
+        if self.perfect:  # beliefs without particles worth speaking of
+            fewest = {"min_particles": 1, "max_particles": 1}
+            localization = localization.model_copy(update=fewest)
+        self.localization = localization
+        self.place = place
+        self.field = field
+        self.observation = observation
+        self.world = WorldBatch(place, config.world, worlds)
+        self.beliefs = make_beliefs(worlds, localization)
+        self.tracks = make_tracks(worlds, laser.beams, steps_limit(config.world, config.task))
+        stride = amcl_beam_stride(laser, config.localization)
+        bearings = beam_bearings(laser)[::stride].astype(np.float32)
+        self.shared = Filter(
+            scratch=make_scratch(localization, laser),
+            bins=make_bins(localization),
+            limits=kld_limits(localization),
+            field=make_field(field),
+            settings=make_settings(localization, laser),
+            ranges=np.zeros(len(bearings), np.float32),
+            bearings=bearings,
+            stride=stride,
+            perfect=self.perfect,
+        )
+        self.task = _task(config)
+
+    def drive(self, commands: NDArray[np.float64], only: slice = slice(None)) -> None:
+        """Drive and sense for one control step; ``commands`` (n, 2) go to the worlds ``only``."""
+        world = self.world
+        drive_worlds(
+            rows(world.robots, only), rows(world.people, only), rows(self.beliefs, only),
+            rows(self.tracks, only), commands, world.setting, world.scratch, self.shared,
+            self.task.ticks,
+        )  # fmt: skip
+
+    def judge(self, only: slice = slice(None)) -> None:
+        """Observe, pay and judge what the worlds ``only`` have just driven."""
+        judge_worlds(*self._seen(only), self.task)
+
+    def observe(self, only: slice = slice(None)) -> None:
+        """Rewrite the observations of the worlds ``only``."""
+        observe_worlds(*self._seen(only), self.task)
+
+    def _seen(self, only: slice) -> tuple[Any, ...]:
+        shown = self.observation
+        views = Views(shown.scan, shown.pedestrians, shown.pedestrian_count, shown.goal)
+        world = self.world
+        return (
+            rows(world.robots, only), rows(world.people, only), rows(self.beliefs, only),
+            rows(self.tracks, only), rows(views, only),
+        )  # fmt: skip
+
+
+def rows(state: Any, only: slice) -> Any:
+    """The worlds ``only`` of a NamedTuple of arrays with a leading world dimension; views."""
+    if only == slice(None):
+        return state
+    return type(state)(*(array[only] for array in state))
+
+
+def _task(config: RunConfig) -> Task:
+    task = config.task
+    return Task(
+        ticks=int(config.world.ticks_per_step),
+        steps_limit=steps_limit(config.world, task),
+        scan_scale=SCAN_COUNTS / float(config.world.laser.range_max),
+        map_extent=float(task.map_extent),
+        variance_limit=float(task.variance_limit),
+        limits=(float(task.lost_distance), float(task.lost_angle), float(task.arrive_distance)),
+        weights=reward_weights(task.reward),
+    )
