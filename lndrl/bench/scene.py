@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,9 +13,14 @@ from lndrl.navigation import Observation, VectorNavigation, action_table
 WORLDS = 8
 
 
-def hybrid_config() -> RunConfig:
-    """``configs/lndrl.yaml`` on the hybrid scenario."""
-    return load_config(REPOSITORY_CONFIGS / "lndrl.yaml", ["scenario=hybrid", "seed=1"])
+SCENARIOS = ("hybrid", "sparse", "corridor", "hall", "irregular")
+"""The paper's five."""
+
+
+def hybrid_config(overrides: Sequence[str] = ()) -> RunConfig:
+    """``configs/lndrl.yaml`` on the hybrid scenario, but for ``overrides`` (key=value)."""
+    fixed = ["scenario=hybrid", "seed=1"]
+    return load_config(REPOSITORY_CONFIGS / "lndrl.yaml", [*fixed, *overrides])
 
 
 class RandomActions:

@@ -1,42 +1,56 @@
-"""``lndrl bench world``: control steps of the hybrid scenario on one core, without a policy."""
+"""``lndrl bench world``: control steps on one core, without a policy."""
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from functools import wraps
 from time import perf_counter
 from typing import Any
 
-from lndrl.bench.report import REPETITIONS
-from lndrl.bench.scene import WORLDS, RandomActions, hybrid_config
-from lndrl.navigation import VectorNavigation
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
-PARTS = (
-    ("people", "crowd", "advance"),
-    ("robot_and_contacts", "world", "tick"),
-    ("laser", "world", "scan"),
-    ("laser", "world", "scan_sparse"),
-    ("localization", "localization", "update"),
-    ("episode_starts", "navigation", "reset"),
-)
-"""Parts of a step, and the objects and methods that do them."""
+from lndrl.bench.report import REPETITIONS
+from lndrl.bench.scene import SCENARIOS, WORLDS, RandomActions, hybrid_config
+from lndrl.navigation import VectorNavigation
+from lndrl.navigation.step import _people, _robot
+from lndrl.world.pedestrians import advance_people
+from lndrl.world.robot import take_command
+from lndrl.world.world import scan_world, tick_world
+
+_STEPS = 30
+"""Control steps of a split's drive: about as long as an episode of random actions."""
 
 
 def measure(seconds: float) -> dict[str, Any]:
-    """``steps_per_second`` with random actions, localization, observation and reward included.
+    """``steps_per_second`` by scenario with random actions: people, robot, contacts, laser, four
+    localization updates, observation, reward and episode starts included, policy excluded.
 
-    ``microseconds_by_part`` splits one control step, measured in a second pass so that taking
-    the time does not slow the first; ``rest`` is observation, reward and records.
+    ``steps_per_second_perfect_localization`` is hybrid without a filter.
+    ``microseconds_by_part`` splits a control step of hybrid: drives of the same worlds, each with
+    one part more than the one before; ``python`` is what is left of a step of VectorNavigation.
+    ``megabytes_per_world`` is what a world needs beyond what all share.
     """
+    share = seconds / (len(SCENARIOS) + 3)
+    rates = {name: _rate(["scenario=" + name], share) for name in SCENARIOS}
+    perfect = _rate(["localization=perfect"], share)
     environment = VectorNavigation(hybrid_config(), 0, WORLDS)
+    return {
+        "steps_per_second": rates,
+        "steps_per_second_perfect_localization": perfect,
+        "microseconds_by_part": _split(environment, 1e6 / rates["hybrid"], share),
+        "megabytes_per_world": _megabytes(environment),
+    }
+
+
+def _rate(overrides: list[str], seconds: float) -> float:
+    """Control steps per second under ``configs/lndrl.yaml`` on hybrid with ``overrides``."""
+    environment = VectorNavigation(hybrid_config(overrides), 0, WORLDS)
     actions = RandomActions(environment.config, WORLDS)
     _drive(environment, actions, 0.2)  # compiles
     rates = [_drive(environment, actions, seconds / REPETITIONS) for _ in range(REPETITIONS)]
-    return {
-        "steps_per_second": statistics.median(rates),
-        "microseconds_by_part": _split(environment, actions, seconds / 2),
-    }
+    return statistics.median(rates)
 
 
 def _drive(environment: VectorNavigation, actions: RandomActions, seconds: float) -> float:
@@ -49,40 +63,107 @@ def _drive(environment: VectorNavigation, actions: RandomActions, seconds: float
     return steps / elapsed
 
 
-def _split(
-    environment: VectorNavigation, actions: RandomActions, seconds: float
-) -> dict[str, float]:
-    spent = {part: 0.0 for part, _, _ in PARTS}
-    for navigation in environment.worlds:
-        owners = {
-            "navigation": navigation,
-            "world": navigation.world,
-            "crowd": navigation.world.crowd,
-            "localization": navigation.localization,
-        }
-        for part, owner, method in PARTS:
-            setattr(owners[owner], method, _timed(getattr(owners[owner], method), spent, part))
-    started = perf_counter()
-    steps = 0
-    while (elapsed := perf_counter() - started) < seconds or steps == 0:
-        environment.step(actions())
-        steps += len(environment)
-    # The first scan and update of an episode belong to its start, but are counted by their part.
-    micros = {part: 1e6 * total / steps for part, total in spent.items()}
-    micros["rest"] = 1e6 * elapsed / steps - sum(micros.values())
+def _split(environment: VectorNavigation, whole: float, seconds: float) -> dict[str, float]:
+    batch = environment._batch
+    world, shared = batch.world, batch.shared
+    generator = np.random.default_rng(0)
+    drawn = generator.integers(len(environment.actions), size=(_STEPS, len(environment)))
+    commands: NDArray[np.float64] = environment.actions[drawn]
+    moved = (world.robots, world.people, world.setting, world.scratch)
+
+    def drives() -> None:
+        for step in range(_STEPS):
+            batch.drive(commands[step])
+
+    def judged() -> None:
+        for step in range(_STEPS):
+            batch.drive(commands[step])
+            batch.judge()
+
+    variants: dict[str, Callable[[], Any]] = {
+        "people": lambda: _only_people(*moved, commands, batch.task.ticks),
+        "robot_and_contacts": lambda: _and_robots(
+            *moved, commands, batch.task.ticks, 0, shared.ranges, batch.tracks.scan
+        ),
+        "laser": lambda: _and_robots(
+            *moved, commands, batch.task.ticks, shared.stride, shared.ranges, batch.tracks.scan
+        ),
+        "localization": drives,
+        "observation_and_reward": judged,
+    }
+    micros = {"episode_starts": 0.0}
+    before = 0.0
+    for part, run in variants.items():
+        cost = _median_step(environment, run, seconds / len(variants))
+        micros[part] = cost - before
+        before = cost
+    micros["episode_starts"] = _starts(environment)
+    micros["python"] = max(0.0, whole - before - micros["episode_starts"])
     return micros
 
 
-def _timed(method: Callable[..., Any], spent: dict[str, float], part: str) -> Callable[..., Any]:
-    """``method`` that adds its seconds to ``spent[part]``, without those of parts within it."""
-
-    @wraps(method)
-    def call(*arguments: Any) -> Any:
-        inner = sum(spent.values())
+def _median_step(
+    environment: VectorNavigation, run: Callable[[], Any], seconds: float
+) -> float:
+    """Microseconds that ``run`` takes for one control step of one world, from fresh episodes."""
+    times: list[float] = []
+    environment.reset_all()
+    run()
+    while len(times) < REPETITIONS or sum(times) < seconds:
+        environment.reset_all()
         started = perf_counter()
-        result = method(*arguments)
-        elapsed = perf_counter() - started
-        spent[part] += elapsed - (sum(spent.values()) - inner)
-        return result
+        run()
+        times.append(perf_counter() - started)
+    return 1e6 * statistics.median(times) / (_STEPS * len(environment))
 
-    return call
+
+def _starts(environment: VectorNavigation) -> float:
+    """Microseconds of episode starts per control step under random actions."""
+    actions = RandomActions(environment.config, len(environment))
+    steps = ended = 0
+    while ended < 100:
+        ended += len(environment.step(actions()).episodes)
+        steps += len(environment)
+    started = perf_counter()
+    for _ in range(10):
+        environment.reset_all()
+    once = (perf_counter() - started) / (10 * len(environment))
+    return 1e6 * once * ended / steps
+
+
+def _megabytes(environment: VectorNavigation) -> float:
+    batch = environment._batch
+    states = (batch.world.robots, batch.world.people, batch.beliefs, batch.tracks)
+    arrays = [array for state in states for array in state]
+    arrays += vars(batch.observation).values()
+    return sum(array.nbytes for array in arrays) / len(environment) / 1e6
+
+
+@njit(cache=True, nogil=True)
+def _only_people(robots, people, setting, scratch, commands, ticks):
+    for step in range(commands.shape[0]):
+        for i in range(commands.shape[1]):
+            robot = _robot(robots, i)
+            for _ in range(ticks):
+                advance_people(
+                    _people(people, i), robot.pose, robot.command, setting.surroundings,
+                    setting.crowd, scratch.crowd,
+                )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _and_robots(robots, people, setting, scratch, commands, ticks, stride, ranges, scans):
+    """The whole drive but for the filter; without the laser where ``stride`` is 0."""
+    for step in range(commands.shape[0]):
+        for i in range(commands.shape[1]):
+            robot, crowd = _robot(robots, i), _people(people, i)
+            v, w = commands[step, i, 0], commands[step, i, 1]
+            take_command(robot, v, w, setting.odometry_deviation)
+            for tick in range(ticks):
+                tick_world(robot, crowd, setting, scratch)
+                if robot.contact[0] != 0 or tick == ticks - 1:
+                    if stride > 0:
+                        scan_world(robot, crowd, setting, scratch, 1, scans[i])
+                    break
+                if stride > 0:
+                    scan_world(robot, crowd, setting, scratch, stride, ranges)
