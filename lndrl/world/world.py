@@ -13,9 +13,9 @@ from lndrl.maps.edges import RayMap
 from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import people as crowd_arrays
 from lndrl.world.contacts import HITS, Hit, contact
-from lndrl.world.laser import Fan, Laser, LaserScratch, make_fan, make_laser_scratch, noisy_scan
+from lndrl.world.laser import Fan, ScanScratch, make_fan, make_scan_scratch, noisy_scan
 from lndrl.world.odometry import move_robot
-from lndrl.world.pedestrians import Crowd, advance_people, place_legs, walls_for
+from lndrl.world.pedestrians import advance_people, place_legs, walls_for
 from lndrl.world.people import CrowdParameters, People, Surroundings, make_people
 from lndrl.world.place import Place
 from lndrl.world.placement import Routes, make_routes, place_people
@@ -42,7 +42,7 @@ class Scratch(NamedTuple):
     """Working memory within one tick; one for all worlds of a thread."""
 
     crowd: crowd_arrays.Scratch
-    laser: LaserScratch
+    laser: ScanScratch
 
 
 @njit(cache=True, nogil=True)
@@ -88,7 +88,10 @@ def start_world(robot, people, routes, setting, state):
         people, routes, around.distance, around.inverse_resolution, robot.start,
         setting.crowd.max_speed, 8.0 * setting.crowd.step_length, state,
     )  # fmt: skip
-    place_legs(people, setting.crowd)
+    place_legs(
+        people.count[0], people.position, people.heading, people.travelled,
+        setting.crowd.step_length, setting.crowd.leg_offset, people.legs,
+    )  # fmt: skip
 
 
 class WorldBatch:
@@ -121,7 +124,7 @@ class WorldBatch:
         )
         self.scratch = Scratch(
             crowd_arrays.make_scratch(capacity, config.crowd, walls),
-            make_laser_scratch(config.laser),
+            make_scan_scratch(config.laser.beams),
         )
 
 
