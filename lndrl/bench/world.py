@@ -102,9 +102,7 @@ def _split(environment: VectorNavigation, whole: float, seconds: float) -> dict[
     return micros
 
 
-def _median_step(
-    environment: VectorNavigation, run: Callable[[], Any], seconds: float
-) -> float:
+def _median_step(environment: VectorNavigation, run: Callable[[], Any], seconds: float) -> float:
     """Microseconds that ``run`` takes for one control step of one world, from fresh episodes."""
     times: list[float] = []
     environment.reset_all()

@@ -107,7 +107,14 @@ def save_scenario(place: Place, path: Path | str, title: str = "", dpi: int = 90
 def _region(box: Box) -> Rectangle:
     x0, y0, x1, y1 = box
     return Rectangle(
-        (x0, y0), x1 - x0, y1 - y0, facecolor=GOAL, edgecolor=GOAL, alpha=0.28, linewidth=1, zorder=2
+        (x0, y0),
+        x1 - x0,
+        y1 - y0,
+        facecolor=GOAL,
+        edgecolor=GOAL,
+        alpha=0.28,
+        linewidth=1,
+        zorder=2,
     )
 
 

@@ -11,6 +11,7 @@ from scipy.ndimage import label
 
 from lndrl.config import WorldConfig
 from lndrl.errors import UserError
+from lndrl.maps.edges import RayMap, ray_map
 from lndrl.maps.embedded import unpack, with_map
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
 from lndrl.maps.outlines import Outline, geometry_outlines, grid_outlines, segments
@@ -45,7 +46,7 @@ class Place:
     be found, and its regions lie in the place's frame.
 
     ``distance`` float32 ``(h, w)`` (m, centre to centre), ``cells`` the same in whole cells
-    (uint8, what the laser marches on); ``outlines`` closed polygons (n, 2) (m) of everything
+    (uint8), ``rays`` what the laser needs; ``outlines`` closed polygons (n, 2) (m) of everything
     solid, solid on the left of each edge, circles as 24-gons; ``walls`` ``(S, 4)`` their edges
     [x0, y0, x1, y1] (m); ``regions`` uint16 ``(h, w)`` numbers the connected areas that the
     robot's centre can move in, 0 where it does not fit. ``notes`` say what had to give way.
@@ -55,6 +56,7 @@ class Place:
     grid: OccupancyGrid
     distance: NDArray[np.float32]
     cells: NDArray[np.uint8]
+    rays: RayMap
     walls: NDArray[np.float64]
     regions: NDArray[np.uint16]
     robot_radius: float
@@ -63,9 +65,7 @@ class Place:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def build(
-        cls, scenario: Scenario, robot_radius: float | None = None, layout: int = 0
-    ) -> Place:
+    def build(cls, scenario: Scenario, robot_radius: float | None = None, layout: int = 0) -> Place:
         """Rasterise and validate ``scenario`` for a robot of ``robot_radius`` m (default: the
         configuration's); ``layout`` picks one of a random scenario's.
 
@@ -93,6 +93,7 @@ class Place:
             raise UserError(
                 f"scenario {scenario.name}: its floor falls into {count} pieces; clean the map"
             )
+        cells = clearance(distance, grid.resolution)
         notes: tuple[str, ...] = ()
         if scenario.kind == "map":
             scenario, notes = _furnished(scenario, distance, grid.resolution, radius)
@@ -100,7 +101,8 @@ class Place:
             scenario,
             grid,
             distance,
-            clearance(distance, grid.resolution),
+            cells,
+            ray_map(grid, cells),
             segments(outlines),
             regions.astype(np.uint16),
             radius,

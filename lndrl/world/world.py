@@ -184,9 +184,7 @@ class World:
         """View ``(2P, 2)`` (m)."""
         return self.people.legs[: 2 * self.people.count[0]]
 
-    def reset(
-        self, seed: int, world_id: int, episode: int, states: State | None = None
-    ) -> None:
+    def reset(self, seed: int, world_id: int, episode: int, states: State | None = None) -> None:
         """Start the episode that (seed, world_id, episode) stand for, bit for bit the same.
 
         ``states`` are that episode's ``episode_states`` where the caller has them. Raises
