@@ -37,6 +37,12 @@ class CrowdConfig(Model):
     orca_time_horizon: Positive = Field(5.0, description="s")
     orca_time_horizon_obstacle: Positive = Field(5.0, description="s")
     orca_radius: Positive = Field(0.5, description="m")
+    orca_walls: bool = Field(
+        True, description="ORCA people know the walls; the GROUP's did not and walked through them"
+    )
+    orca_wall_radius: Positive = Field(
+        0.2, description="m kept to walls, the body's; orca_radius would close gaps below 1 m"
+    )
     sfm_desired: NonNegative = Field(1.0, description="weight of the desired force (libpedsim)")
     sfm_social: NonNegative = Field(2.1, description="weight of the social force")
     sfm_obstacle: NonNegative = Field(1.0, description="weight of the obstacle force")

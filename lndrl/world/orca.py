@@ -2,7 +2,8 @@
 
 Half-planes and the three linear programs of van den Berg et al., "Reciprocal n-body collision
 avoidance" (2011), with the names of RVO2. A half-plane is a row [px, py, dx, dy]: allowed
-velocities lie left of the line through p with unit direction d.
+velocities lie left of the line through p with unit direction d. Those of walls (``orca_walls``)
+come first and are never given up.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numba import njit
 _EPSILON = 1e-5
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def orca_line(
     relative_x, relative_y, velocity_x, velocity_y, other_vx, other_vy, combined, horizon, period
 ):
@@ -55,7 +56,7 @@ def orca_line(
     return velocity_x + 0.5 * ux, velocity_y + 0.5 * uy, dx, dy
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def _linear_program_1(lines, index, radius, target_x, target_y, by_direction):
     px, py, dx, dy = lines[index, 0], lines[index, 1], lines[index, 2], lines[index, 3]
     dot = px * dx + py * dy
@@ -86,7 +87,7 @@ def _linear_program_1(lines, index, radius, target_x, target_y, by_direction):
     return True, px + t * dx, py + t * dy
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def linear_program_2(lines, count, radius, target_x, target_y, by_direction):
     """Velocity nearest to the target (or farthest along it) inside disc and half-planes.
 
@@ -112,16 +113,23 @@ def linear_program_2(lines, count, radius, target_x, target_y, by_direction):
     return count, x, y
 
 
-@njit(cache=True, nogil=True)
-def linear_program_3(lines, count, begin, radius, x, y, projected):
-    """Velocity with the smallest worst violation when no velocity meets every half-plane."""
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def linear_program_3(lines, count, firm, begin, radius, x, y, projected):
+    """Velocity with the smallest worst violation when no velocity meets every half-plane.
+
+    The first ``firm`` lines are met exactly; ``begin`` is the line that ``linear_program_2``
+    failed on and (x, y) its velocity; ``projected`` (count, 4) is scratch.
+    """
+    for j in range(firm):
+        for k in range(4):
+            projected[j, k] = lines[j, k]
     worst = 0.0
     for i in range(begin, count):
         px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if dx * (py - y) - dy * (px - x) <= worst:
             continue
-        kept = 0
-        for j in range(i):
+        kept = firm
+        for j in range(firm, i):
             qx, qy, ex, ey = lines[j, 0], lines[j, 1], lines[j, 2], lines[j, 3]
             determinant = dx * ey - dy * ex
             if abs(determinant) <= _EPSILON:
@@ -144,7 +152,39 @@ def linear_program_3(lines, count, begin, radius, x, y, projected):
     return x, y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def near_agents(agent, position, agents, reach, most, nearest, distance2):
+    """Rows of up to ``most`` agents nearer than ``reach`` m, nearest first; returns how many.
+
+    ``nearest`` (int64) gets the rows, ``distance2`` the squared distances; both need room for
+    ``most``. Of two at the same distance the earlier row comes first.
+    """
+    x, y = position[agent, 0], position[agent, 1]
+    limit2 = reach * reach
+    count = 0
+    for other in range(agents):
+        dx = position[other, 0] - x
+        dy = position[other, 1] - y
+        square = dx * dx + dy * dy
+        if square >= limit2 or other == agent:
+            continue
+        slot = count
+        if count == most:  # the farthest goes
+            slot -= 1
+        else:
+            count += 1
+        while slot > 0 and square < distance2[slot - 1]:
+            distance2[slot] = distance2[slot - 1]
+            nearest[slot] = nearest[slot - 1]
+            slot -= 1
+        distance2[slot] = square
+        nearest[slot] = other
+        if count == most:
+            limit2 = distance2[most - 1]
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def orca_velocity(
     agent,
     position,
@@ -152,45 +192,29 @@ def orca_velocity(
     agents,
     target_x,
     target_y,
+    firm,
     neighbor_distance,
     max_neighbors,
     horizon,
     radius,
     max_speed,
     period,
-    neighbors,
+    nearest,
+    distance2,
     lines,
     projected,
 ):
     """New velocity (m/s) of ``agent`` among the first ``agents`` rows of position, velocity.
 
-    ``target_*`` is the preferred velocity; ``neighbors`` (int64, (max_neighbors + 1,)),
-    ``lines`` and ``projected`` (float64, (max_neighbors, 4)) are scratch.
+    ``target_*`` is the preferred velocity. The first ``firm`` rows of ``lines`` are half-planes
+    of walls; ``lines`` and ``projected`` need room for them and for ``max_neighbors``, as do
+    ``nearest`` (int64) and ``distance2`` (float64) for the latter.
     """
-    count = 0
-    limit2 = neighbor_distance * neighbor_distance
-    for other in range(agents):
-        if other == agent:
-            continue
-        distance2 = (position[other, 0] - position[agent, 0]) ** 2 + (
-            position[other, 1] - position[agent, 1]
-        ) ** 2
-        if distance2 >= limit2:
-            continue
-        slot = count
-        while slot > 0:  # insertion, nearest first, as RVO2 keeps its list
-            before = neighbors[slot - 1]
-            other2 = (position[before, 0] - position[agent, 0]) ** 2 + (
-                position[before, 1] - position[agent, 1]
-            ) ** 2
-            if other2 <= distance2:
-                break
-            neighbors[slot] = before
-            slot -= 1
-        neighbors[slot] = other
-        count = min(count + 1, max_neighbors)
-    for i in range(count):
-        other = neighbors[i]
+    found = near_agents(
+        agent, position, agents, neighbor_distance, max_neighbors, nearest, distance2
+    )
+    for k in range(found):
+        other = nearest[k]
         px, py, dx, dy = orca_line(
             position[other, 0] - position[agent, 0],
             position[other, 1] - position[agent, 1],
@@ -202,11 +226,12 @@ def orca_velocity(
             horizon,
             period,
         )
-        lines[i, 0] = px
-        lines[i, 1] = py
-        lines[i, 2] = dx
-        lines[i, 3] = dy
+        lines[firm + k, 0] = px
+        lines[firm + k, 1] = py
+        lines[firm + k, 2] = dx
+        lines[firm + k, 3] = dy
+    count = firm + found
     failed, x, y = linear_program_2(lines, count, max_speed, target_x, target_y, False)
     if failed < count:
-        x, y = linear_program_3(lines, count, failed, max_speed, x, y, projected)
+        x, y = linear_program_3(lines, count, firm, failed, max_speed, x, y, projected)
     return x, y

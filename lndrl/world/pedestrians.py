@@ -6,17 +6,31 @@ order of pedestrians does not matter. Rules and constants: parameters §4.5.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from lndrl.config import CrowdConfig
 from lndrl.maps.raycast import sample_field
+from lndrl.world.elementary import angle_of
 from lndrl.world.orca import orca_velocity
-from lndrl.world.social_force import obstacle_force, relaxation, social_force
+from lndrl.world.orca_walls import Walls, build_walls, tile_of, wall_lines
+from lndrl.world.people import (
+    ORCA,
+    SFM,
+    CrowdParameters,
+    People,
+    Surroundings,
+    Workplace,
+    make_people,
+    make_scratch,
+)
+from lndrl.world.social_force import obstacle_force, social_forces
 
-ORCA, SFM = 0, 1
+__all__ = ["GAIT", "ORCA", "SFM", "Crowd", "advance_people", "place_legs", "walls_for"]
+
 _STANDING = 0.05  # m/s; below it the legs keep their heading
 _PASSED = 0.6  # m; a waypoint left behind within this distance counts as reached
 
@@ -24,93 +38,55 @@ _PASSED = 0.6  # m; a waypoint left behind within this distance counts as reache
 GAIT = np.array([0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5])
 
 
-class CrowdParameters(NamedTuple):
-    """What the kernel needs of ``CrowdConfig``, in its units, for one tick length."""
-
-    tick: float
-    max_speed: float
-    waypoint_radius: float
-    period: float
-    neighbor_distance: float
-    max_neighbors: int
-    horizon: float
-    orca_radius: float
-    desired: float
-    social: float
-    obstacle: float
-    obstacle_sigma: float
-    body_radius: float
-    sfm_lambda: float
-    sfm_gamma: float
-    sfm_n: float
-    sfm_n_prime: float
-    cutoff: float
-    decay: float
-    gain: float
-    leg_offset: float
-    step_length: float
-    see_robot: bool
-
-    @classmethod
-    def of(cls, config: CrowdConfig, tick: float) -> CrowdParameters:
-        """Parameters for ticks of ``tick`` seconds."""
-        decay, gain = relaxation(tick, config.model_period)
-        return cls(
-            tick=tick,
-            max_speed=config.max_speed,
-            waypoint_radius=config.waypoint_radius,
-            period=config.model_period,
-            neighbor_distance=config.orca_neighbor_distance,
-            max_neighbors=config.orca_max_neighbors,
-            horizon=config.orca_time_horizon,
-            orca_radius=config.orca_radius,
-            desired=config.sfm_desired,
-            social=config.sfm_social,
-            obstacle=config.sfm_obstacle,
-            obstacle_sigma=config.sfm_obstacle_sigma,
-            body_radius=config.sfm_radius,
-            sfm_lambda=config.sfm_lambda,
-            sfm_gamma=config.sfm_gamma,
-            sfm_n=config.sfm_n,
-            sfm_n_prime=config.sfm_n_prime,
-            cutoff=config.sfm_cutoff,
-            decay=decay,
-            gain=gain,
-            leg_offset=config.leg_offset,
-            step_length=config.step_length,
-            see_robot=config.see_robot,
-        )
+def walls_for(outlines: Any, config: CrowdConfig) -> Walls:
+    """What a crowd with ``config`` knows of closed ``outlines`` (see ``build_walls``)."""
+    reach = config.orca_time_horizon_obstacle * config.max_speed + config.orca_wall_radius
+    return build_walls(outlines if config.orca_walls else (), reach)
 
 
 class Crowd:
-    """State of up to ``capacity`` pedestrians; the first ``count`` rows are alive.
+    """Up to ``capacity`` pedestrians of one world; the first ``count`` rows are alive.
 
-    ``position``, ``velocity`` (capacity + 1, 2): m and m/s in the map frame, row ``count`` holds
-    the robot while the kernel runs. ``route`` (capacity, W, 2) waypoints, ``route_length``,
-    ``target`` (index of the waypoint ahead), ``direction`` (+1 or -1 along the route),
-    ``shuttle`` (walks back and forth), ``model`` (ORCA or SFM), ``heading`` (rad),
-    ``travelled`` (m), ``legs`` (2 * capacity, 2): left and right leg of each.
+    ``people`` is their state; its arrays are also attributes of the crowd. ``walls`` are what
+    ORCA avoids (default: none), ``state`` arrays from elsewhere to work in.
     """
 
-    def __init__(self, capacity: int, waypoints: int, config: CrowdConfig, tick: float) -> None:
+    def __init__(
+        self,
+        capacity: int,
+        waypoints: int,
+        config: CrowdConfig,
+        tick: float,
+        walls: Walls | None = None,
+        state: People | None = None,
+    ) -> None:
         self.capacity = capacity
-        self.count = 0
         self.parameters = CrowdParameters.of(config, tick)
-        self.position = np.zeros((capacity + 1, 2))
-        self.velocity = np.zeros((capacity + 1, 2))
-        self.route = np.zeros((capacity, max(waypoints, 2), 2))
-        self.route_length = np.zeros(capacity, dtype=np.int64)
-        self.target = np.zeros(capacity, dtype=np.int64)
-        self.direction = np.ones(capacity, dtype=np.int64)
-        self.shuttle = np.zeros(capacity, dtype=np.bool_)
-        self.model = np.zeros(capacity, dtype=np.int64)
-        self.heading = np.zeros(capacity)
-        self.travelled = np.zeros(capacity)
-        self.legs = np.zeros((2 * capacity, 2))
-        neighbors = config.orca_max_neighbors
-        self._new_velocity = np.zeros((capacity + 1, 2))
-        self._neighbors = np.zeros(neighbors + 1, dtype=np.int64)
-        self._lines = np.zeros((2, neighbors, 4))
+        self.walls = build_walls((), 0.0) if walls is None else walls
+        self.people = make_people(1, capacity, waypoints).world(0) if state is None else state
+        self.position = self.people.position
+        self.velocity = self.people.velocity
+        self.route = self.people.route
+        self.route_length = self.people.route_length
+        self.target = self.people.target
+        self.direction = self.people.direction
+        self.shuttle = self.people.shuttle
+        self.model = self.people.model
+        self.heading = self.people.heading
+        self.travelled = self.people.travelled
+        self.legs = self.people.legs
+        self.scratch = make_scratch(capacity, config, self.walls)
+        self._distance: NDArray[np.float32] | None = None
+        self._workplace: Workplace | None = None
+
+    @property
+    def count(self) -> int:
+        """How many pedestrians there are."""
+        return int(self.people.count[0])
+
+    @count.setter
+    def count(self, count: int) -> None:
+        self.people.count[0] = count
 
     def place_legs(self) -> None:
         """Recompute the legs from position, heading and distance travelled."""
@@ -126,50 +102,40 @@ class Crowd:
         )
 
     def advance(
-        self, robot_pose: Any, robot_command: Any, distance: Any, inverse_resolution: float
+        self,
+        robot_pose: NDArray[np.float64],
+        robot_command: NDArray[np.float64],
+        distance: NDArray[np.float32],
+        inverse_resolution: float,
     ) -> None:
         """Move everybody by one tick; they see the robot where ``robot_pose`` says.
 
         ``robot_pose`` [x, y, yaw] (m, rad), ``robot_command`` [v, w]; ``distance`` is the map's
         distance field (float32, origin (0, 0)).
         """
-        advance_crowd(
-            self.count,
-            self.position,
-            self.velocity,
-            self.route,
-            self.route_length,
-            self.target,
-            self.direction,
-            self.shuttle,
-            self.model,
-            self.heading,
-            self.travelled,
-            self.legs,
-            robot_pose,
-            robot_command,
-            distance,
-            inverse_resolution,
-            self.parameters,
-            self._new_velocity,
-            self._neighbors,
-            self._lines,
-        )
+        if self._distance is not distance:
+            around = Surroundings(distance, inverse_resolution, self.walls)
+            self._workplace = Workplace(self.people, around, self.parameters, self.scratch)
+            self._distance = distance
+        _advance(self._workplace, robot_pose, robot_command)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def _choose_target(i, position, route, route_length, target, direction, shuttle, reach):
     """Advance the waypoint of pedestrian ``i`` when reached; True: arrived for good."""
     here = target[i]
     dx = route[i, here, 0] - position[i, 0]
     dy = route[i, here, 1] - position[i, 1]
     distance2 = dx * dx + dy * dy
+    if distance2 >= max(reach, _PASSED) ** 2:
+        return False
     last = route_length[i] - 1
-    final = (here == last and direction[i] > 0) or (here == 0 and direction[i] < 0)
+    step = direction[i]
+    final = (here == last and step > 0) or (here == 0 and step < 0)
     reached = distance2 < reach * reach
     if not reached and not final and distance2 < _PASSED * _PASSED:
         # Pushed aside at a corner: do not turn back for a point that lies behind.
-        before = here - direction[i]
+        before = here - step
         if before >= 0 and before <= last:
             along = (route[i, here, 0] - route[i, before, 0]) * dx + (
                 route[i, here, 1] - route[i, before, 1]
@@ -180,12 +146,75 @@ def _choose_target(i, position, route, route_length, target, direction, shuttle,
     if final:
         if not shuttle[i]:
             return True
-        direction[i] = -direction[i]
+        direction[i] = -step
     target[i] = here + direction[i]
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _aim(
+    count,
+    position,
+    route,
+    route_length,
+    target,
+    direction,
+    shuttle,
+    model,
+    reach,
+    feels,
+    aim,
+):
+    """Where everybody wants to go: preferred velocity (ORCA) or direction (SFM), into ``aim``.
+
+    Returns whether anybody follows the social force model; ``feels`` says who.
+    """
+    social = False
+    for i in range(count):
+        arrived = _choose_target(
+            i, position, route, route_length, target, direction, shuttle, reach
+        )
+        here = target[i]
+        dx = route[i, here, 0] - position[i, 0]
+        dy = route[i, here, 1] - position[i, 1]
+        length = np.sqrt(dx * dx + dy * dy)
+        feels[i] = model[i] == SFM
+        social = social or model[i] == SFM
+        if arrived or length < 1e-9:
+            dx, dy = 0.0, 0.0
+        elif length > 1.0 or model[i] == SFM:
+            dx, dy = dx / length, dy / length
+        aim[i, 0] = dx
+        aim[i, 1] = dy
+    return social
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _sfm_velocity(i, position, velocity, force, aim, distance, inverse_resolution, p):
+    """New velocity by repulsion ``force``, ``aim`` (a unit vector or none) and walls."""
+    fx = p.social * force[i, 0] + p.desired * aim[i, 0]
+    fy = p.social * force[i, 1] + p.desired * aim[i, 1]
+    if p.obstacle > 0.0:
+        wall_x, wall_y = obstacle_force(
+            distance,
+            inverse_resolution,
+            position[i, 0],
+            position[i, 1],
+            p.body_radius,
+            p.obstacle_sigma,
+        )
+        fx += p.obstacle * wall_x
+        fy += p.obstacle * wall_y
+    vx = p.decay * velocity[i, 0] + p.gain * fx
+    vy = p.decay * velocity[i, 1] + p.gain * fy
+    speed = np.sqrt(vx * vx + vy * vy)
+    if speed > p.max_speed:
+        vx *= p.max_speed / speed
+        vy *= p.max_speed / speed
+    return vx, vy
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def _walk(i, position, velocity, distance, inverse_resolution, tick, radius):
     """Move pedestrian ``i`` by one tick without entering walls; returns metres walked."""
     x = position[i, 0]
@@ -211,134 +240,175 @@ def _walk(i, position, velocity, distance, inverse_resolution, tick, radius):
     return np.sqrt((new_x - x) ** 2 + (new_y - y) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs):
+    """Legs of pedestrian ``i``, who looks along the unit vector (c, s)."""
+    phase = int(travelled[i] / step_length) % 8
+    forward = GAIT[phase] * step_length
+    x = position[i, 0]
+    y = position[i, 1]
+    legs[2 * i, 0] = x - forward * c - leg_offset * s
+    legs[2 * i, 1] = y - forward * s + leg_offset * c
+    legs[2 * i + 1, 0] = x + forward * c + leg_offset * s
+    legs[2 * i + 1, 1] = y + forward * s - leg_offset * c
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def place_legs(count, position, heading, travelled, step_length, leg_offset, legs):
     """Legs (2i: left, 2i + 1: right) by the eight-phase gait; a phase per step length."""
     for i in range(count):
-        phase = int(travelled[i] / step_length) % 8
-        forward = GAIT[phase] * step_length
-        c = np.cos(heading[i])
-        s = np.sin(heading[i])
-        x = position[i, 0]
-        y = position[i, 1]
-        legs[2 * i, 0] = x - forward * c - leg_offset * s
-        legs[2 * i, 1] = y - forward * s + leg_offset * c
-        legs[2 * i + 1, 0] = x + forward * c + leg_offset * s
-        legs[2 * i + 1, 1] = y + forward * s - leg_offset * c
+        c, s = np.cos(heading[i]), np.sin(heading[i])
+        _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs)
 
 
-@njit(cache=True, nogil=True)
-def _sfm_velocity(i, agents, silent, ux, uy, position, velocity, distance, inverse_resolution, p):
-    """New velocity by the social force model towards the unit vector (ux, uy), (0, 0): none."""
-    force_x, force_y = social_force(
-        i,
-        position,
-        velocity,
-        agents,
-        p.sfm_lambda,
-        p.sfm_gamma,
-        p.sfm_n,
-        p.sfm_n_prime,
-        p.cutoff,
-        silent,
-    )
-    force_x = p.social * force_x + p.desired * ux
-    force_y = p.social * force_y + p.desired * uy
-    if p.obstacle > 0.0:
-        wall_x, wall_y = obstacle_force(
-            distance,
-            inverse_resolution,
-            position[i, 0],
-            position[i, 1],
-            p.body_radius,
-            p.obstacle_sigma,
-        )
-        force_x += p.obstacle * wall_x
-        force_y += p.obstacle * wall_y
-    vx = p.decay * velocity[i, 0] + p.gain * force_x
-    vy = p.decay * velocity[i, 1] + p.gain * force_y
-    speed = np.sqrt(vx * vx + vy * vy)
-    if speed > p.max_speed:
-        vx *= p.max_speed / speed
-        vy *= p.max_speed / speed
-    return vx, vy
-
-
-@njit(cache=True, nogil=True)
-def advance_crowd(
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _move(
     count,
     position,
     velocity,
-    route,
-    route_length,
-    target,
-    direction,
-    shuttle,
-    model,
+    new_velocity,
     heading,
     travelled,
     legs,
-    robot_pose,
-    robot_command,
     distance,
     inverse_resolution,
     p,
-    new_velocity,
-    neighbors,
-    lines,
 ):
-    """One tick of the whole crowd; shapes as in ``Crowd``, ``p`` is ``CrowdParameters``."""
-    agents = count
-    silent = -1
-    if p.see_robot:
-        agents = count + 1
-        silent = count
-        position[count, 0] = robot_pose[0]
-        position[count, 1] = robot_pose[1]
-        velocity[count, 0] = robot_command[0] * np.cos(robot_pose[2])
-        velocity[count, 1] = robot_command[0] * np.sin(robot_pose[2])
-    for i in range(count):
-        arrived = _choose_target(
-            i, position, route, route_length, target, direction, shuttle, p.waypoint_radius
-        )
-        dx = route[i, target[i], 0] - position[i, 0]
-        dy = route[i, target[i], 1] - position[i, 1]
-        length = np.sqrt(dx * dx + dy * dy)
-        if model[i] == SFM:
-            ux, uy = 0.0, 0.0
-            if not arrived and length > 1e-9:
-                ux, uy = dx / length, dy / length
-            new_velocity[i, 0], new_velocity[i, 1] = _sfm_velocity(
-                i, agents, silent, ux, uy, position, velocity, distance, inverse_resolution, p
-            )
-        else:
-            if arrived:
-                dx, dy = 0.0, 0.0
-            elif length > 1.0:
-                dx, dy = dx / length, dy / length
-            new_velocity[i, 0], new_velocity[i, 1] = orca_velocity(
-                i,
-                position,
-                velocity,
-                agents,
-                dx,
-                dy,
-                p.neighbor_distance,
-                p.max_neighbors,
-                p.horizon,
-                p.orca_radius,
-                p.max_speed,
-                p.period,
-                neighbors,
-                lines[0],
-                lines[1],
-            )
+    """Everybody walks a tick with ``new_velocity``, as far as walls let them; then the legs."""
     for i in range(count):
         velocity[i, 0] = new_velocity[i, 0]
         velocity[i, 1] = new_velocity[i, 1]
         travelled[i] += _walk(
             i, position, velocity, distance, inverse_resolution, p.tick, p.body_radius
         )
-        if velocity[i, 0] ** 2 + velocity[i, 1] ** 2 > _STANDING * _STANDING:
-            heading[i] = np.arctan2(velocity[i, 1], velocity[i, 0])
-    place_legs(count, position, heading, travelled, p.step_length, p.leg_offset, legs)
+        vx, vy = velocity[i, 0], velocity[i, 1]
+        speed = np.sqrt(vx * vx + vy * vy)
+        if speed > _STANDING:
+            heading[i] = angle_of(vy, vx)
+            c, s = vx / speed, vy / speed
+        else:
+            c, s = np.cos(heading[i]), np.sin(heading[i])
+        _put_legs(i, position, travelled, c, s, p.step_length, p.leg_offset, legs)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
+    """One tick of one world's crowd: ``People``, pose [x, y, yaw], command [v, w],
+    ``Surroundings``, ``CrowdParameters``, ``Scratch``.
+    """
+    # Arrays are taken out of their tuples once: every access counts a reference.
+    position, velocity, new_velocity = people.position, people.velocity, scratch.velocity
+    feels, aim, force = scratch.feels, scratch.aim, scratch.force
+    nearest, distance2 = scratch.nearest, scratch.distance2
+    lines, projected = scratch.lines, scratch.projected
+    distance, inverse_resolution = surroundings.distance, surroundings.inverse_resolution
+    walls = surroundings.walls
+    edges, members, starts = walls.edges, walls.members, walls.starts
+    count = people.count[0]
+    agents = count
+    silent = -1
+    if p.see_robot:
+        agents = count + 1
+        silent = count
+        feels[count] = 0
+        position[count, 0] = robot_pose[0]
+        position[count, 1] = robot_pose[1]
+        velocity[count, 0] = robot_command[0] * np.cos(robot_pose[2])
+        velocity[count, 1] = robot_command[0] * np.sin(robot_pose[2])
+    if _aim(
+        count,
+        position,
+        people.route,
+        people.route_length,
+        people.target,
+        people.direction,
+        people.shuttle,
+        people.model,
+        p.waypoint_radius,
+        feels,
+        aim,
+    ):
+        social_forces(
+            position,
+            velocity,
+            feels,
+            agents,
+            p.sfm_lambda,
+            p.sfm_gamma,
+            p.sfm_n,
+            p.sfm_n_prime,
+            p.cutoff,
+            silent,
+            force,
+        )
+    for i in range(count):
+        if feels[i] != 0:
+            vx, vy = _sfm_velocity(
+                i, position, velocity, force, aim, distance, inverse_resolution, p
+            )
+        else:
+            x, y = position[i, 0], position[i, 1]
+            tile = tile_of(x, y, walls.rows, walls.columns, walls.left, walls.bottom)
+            firm = 0
+            if tile >= 0 and starts[tile] < starts[tile + 1]:
+                firm = wall_lines(
+                    x,
+                    y,
+                    velocity[i, 0],
+                    velocity[i, 1],
+                    edges,
+                    members,
+                    starts[tile],
+                    starts[tile + 1],
+                    p.wall_radius,
+                    p.horizon_obstacle,
+                    p.max_speed,
+                    nearest,
+                    distance2,
+                    lines,
+                )
+            vx, vy = orca_velocity(
+                i,
+                position,
+                velocity,
+                agents,
+                aim[i, 0],
+                aim[i, 1],
+                firm,
+                p.neighbor_distance,
+                p.max_neighbors,
+                p.horizon,
+                p.orca_radius,
+                p.max_speed,
+                p.period,
+                nearest,
+                distance2,
+                lines,
+                projected,
+            )
+        new_velocity[i, 0] = vx
+        new_velocity[i, 1] = vy
+    _move(
+        count,
+        position,
+        velocity,
+        new_velocity,
+        people.heading,
+        people.travelled,
+        people.legs,
+        distance,
+        inverse_resolution,
+        p,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _advance(workplace, robot_pose, robot_command):
+    advance_people(
+        workplace.people,
+        robot_pose,
+        robot_command,
+        workplace.surroundings,
+        workplace.parameters,
+        workplace.scratch,
+    )
