@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import WorldConfig
+from lndrl.config import CrowdConfig, WorldConfig
 from lndrl.randomness import Stream, stream_state, uniform
 from lndrl.world.contacts import Contacts, Hit
 from lndrl.world.laser import Laser
 from lndrl.world.odometry import draw_slip, move_robot
-from lndrl.world.pedestrians import Crowd
+from lndrl.world.orca_walls import Walls
+from lndrl.world.pedestrians import Crowd, walls_for
 from lndrl.world.place import Place
 from lndrl.world.placement import place_crowd
 
@@ -32,7 +35,8 @@ class World:
         waypoints = 2 + max((len(route.via) for route in people.routes), default=0)
         self.place = place
         self.config = config
-        self.crowd = Crowd(people.count[1], waypoints, config.crowd, config.tick)
+        walls = _walls(place, config.crowd)
+        self.crowd = Crowd(people.count[1], waypoints, config.crowd, config.tick, walls)
         self.laser = Laser(config.laser, place.cells, place.grid.resolution)
         self.pose_true = np.zeros(3)
         self.pose_odometry = np.zeros(3)
@@ -111,3 +115,9 @@ class World:
         self.pedestrian_position: Floats = self.crowd.position[:count]
         self.pedestrian_velocity: Floats = self.crowd.velocity[:count]
         self.leg_position: Floats = self.crowd.legs[: 2 * count]
+
+
+@lru_cache(maxsize=8)
+def _walls(place: Place, config: CrowdConfig) -> Walls:
+    """What ORCA knows of a place, once for all worlds of a process."""
+    return walls_for(getattr(place, "outlines", ()), config)
