@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lndrl.errors import UserError
 
 _EPSILON = 1e-5
+_STRAIGHT = 1e-4  # rad
 _TILE = 1.0  # m
 # Columns of an edge: start, end, unit direction, that of the edge before and after; then whether
 # its start and its end are convex corners, its length.
@@ -89,7 +90,7 @@ def _outline_edges(outline: NDArray[np.float64], index: int) -> NDArray[np.float
     before, after = np.roll(unit, 1, axis=0), np.roll(unit, -1, axis=0)
     turn = before[:, 0] * unit[:, 1] - before[:, 1] * unit[:, 0]
     # A straight joint is convex, and rounding must not make it concave.
-    convex = (turn >= -_EPSILON) | (len(corners) == 2)
+    convex = (turn >= -_STRAIGHT) | (len(corners) == 2)
     parts = [corners, ends, unit, before, after, convex, np.roll(convex, -1), length]
     return np.column_stack(parts).astype(np.float64)
 

@@ -71,7 +71,7 @@ def test_fallback_minimises_the_worst_violation():
         index, x, y = linear_program_2(lines, n, SPEED, *target, False)
         if index == n:
             continue
-        x, y = linear_program_3(lines, n, index, SPEED, x, y, np.zeros((n, 4)))
+        x, y = linear_program_3(lines, n, 0, index, SPEED, x, y, np.zeros((n, 4)))
         assert np.hypot(x, y) <= SPEED + 1e-9
         best = min(violation(lines, g).max() for g in grid[::7])
         assert violation(lines, (x, y)).max() <= best + 1e-6
@@ -120,10 +120,14 @@ def test_half_plane_matches_the_velocity_obstacle_drawn_point_by_point():
         assert (np.array([px, py]) - point) @ normal == pytest.approx(0.0, abs=2e-3)
 
 
+def scratch_for(lines):
+    return np.zeros(lines, np.int64), np.zeros(lines), np.zeros((lines, 4)), np.zeros((lines, 4))
+
+
 def run(position, goal, steps, radius=0.3, distance=5.0, tick=0.1):
     agents = len(position)
     velocity = np.zeros((agents, 2))
-    scratch = np.zeros(11, dtype=np.int64), np.zeros((10, 4)), np.zeros((10, 4))
+    scratch = scratch_for(10)
     closest = np.inf
     for _ in range(steps):
         new = np.zeros_like(velocity)
@@ -136,6 +140,7 @@ def run(position, goal, steps, radius=0.3, distance=5.0, tick=0.1):
                 velocity,
                 agents,
                 *target,
+                0,
                 distance,
                 10,
                 5.0,
@@ -170,8 +175,8 @@ def test_only_the_nearest_neighbours_count():
     position = rng.uniform(-2, 2, (16, 2))
     position[0] = 0.0
     velocity = rng.normal(0, 0.3, (16, 2))
-    scratch = np.zeros(5, dtype=np.int64), np.zeros((4, 4)), np.zeros((4, 4))
-    args = (0.4, 0.1, 1.5, 4, 5.0, 0.3, SPEED, 0.1)
+    scratch = scratch_for(4)
+    args = (0.4, 0.1, 0, 1.5, 4, 5.0, 0.3, SPEED, 0.1)
     got = orca_velocity(0, position, velocity, 16, *args, *scratch)
     order = np.argsort(np.linalg.norm(position, axis=1))[:5]  # itself and the four nearest
     assert np.linalg.norm(position[order[4]]) < 1.5
