@@ -37,7 +37,7 @@ BEAM_MODEL = {
 
 
 def measure_peers(seconds: float) -> dict[str, Any]:
-    """``update_microseconds`` and ``position_rmse`` (m) by ``PARTICLESxBEAMS`` of the package and of
+    """``update_microseconds`` and ``position_rmse`` (m) by ``PARTICLESxBEAMS`` of the package, of
     our beam model (same parameters), likelihood field (the paper's) and ``best``.
 
     The drive is ``bench amcl``'s first half, with 60 beams.
