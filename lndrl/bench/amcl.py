@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.bench.localization_drives import Drive, record_drives
 from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import hybrid_config
 from lndrl.config import LaserConfig, LocalizationConfig, RunConfig
@@ -30,7 +30,7 @@ from lndrl.localization import (
 )
 from lndrl.maps.grid import OccupancyGrid
 from lndrl.randomness import Stream, stream_state
-from lndrl.world import Place, World, beam_bearings
+from lndrl.world import Place, beam_bearings
 
 SIZES = {"500x60": (500, 60), "2000x60": (2000, 60), "2000x100": (2000, 100)}
 """Label: particles and ``laser_max_beams``; 100 of 720 is every seventh beam, so 103."""
@@ -38,20 +38,6 @@ MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
 _TICKS = 200
 _BEAM_TICKS = 40
 """The beam model takes some milliseconds per update."""
-_DRIVE = (0.4, 0.15)
-"""m/s, rad/s: a wide circle, so that every tick passes the update thresholds."""
-
-
-@dataclass(frozen=True)
-class Recording:
-    """Sensor readings of one drive: ``start`` (3,), ``truth`` and ``odometry`` (T, 3) [x, y, yaw]
-    (m, rad), ``ranges`` (T, beams) of all beams (m).
-    """
-
-    start: NDArray[np.float64]
-    truth: NDArray[np.float64]
-    odometry: NDArray[np.float64]
-    ranges: NDArray[np.float32]
 
 
 def measure(seconds: float) -> dict[str, Any]:
@@ -90,31 +76,21 @@ def fixed_count(config: LocalizationConfig, count: int, **changes: Any) -> Local
     return LocalizationConfig.model_validate(data)
 
 
-def record(config: RunConfig, place: Place) -> Recording:
-    """The drive that all filters hear."""
-    world = World(place, config.world)
-    truth, odometry, ranges = [], [], []
-    world.reset(config.seed, 0, 0)
-    start = world.start_pose.copy()
-    world.begin_step(*_DRIVE)
-    for _ in range(_TICKS):
-        world.tick()
-        truth.append(world.pose_true.copy())
-        odometry.append(world.pose_odometry.copy())
-        ranges.append(world.scan().copy())
-    return Recording(start, np.array(truth), np.array(odometry), np.array(ranges))
+def record(config: RunConfig, place: Place) -> Drive:
+    """The drive that all filters hear: through the configured scenario and its people."""
+    return record_drives(place, config.world, drives=1, updates=_TICKS, seed=config.seed)[0]
 
 
-def shortened(recording: Recording, ticks: int) -> Recording:
+def shortened(recording: Drive, ticks: int) -> Drive:
     """The first ``ticks`` entries."""
-    return Recording(
+    return Drive(
         recording.start, recording.truth[:ticks], recording.odometry[:ticks],
         recording.ranges[:ticks],
     )  # fmt: skip
 
 
 def used_beams(
-    recording: Recording, config: LocalizationConfig, laser: LaserConfig
+    recording: Drive, config: LocalizationConfig, laser: LaserConfig
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Ranges (T, n) and bearings (n,) of the beams that a filter of ``config`` is given."""
     stride = amcl_beam_stride(laser, config)
@@ -123,7 +99,7 @@ def used_beams(
 
 
 def _wrapped(
-    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Recording
+    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Drive
 ) -> Callable[[], float]:
     """A replay through ``AMCL``: seconds per update that moved the filter."""
     amcl = AMCL(LikelihoodMap.build(grid, config), config, laser)
@@ -153,7 +129,7 @@ def _replay(
 
 
 def _compiled(
-    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Recording
+    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Drive
 ) -> Callable[[], float]:
     """The same replay in one compiled call."""
     belief = belief_of(make_beliefs(1, config), 0)

@@ -170,6 +170,8 @@ class AMCL:
     ) -> None:
         """Forget the pose: draw ``max_particles`` uniformly over the free space, any heading.
 
+        A building needs thousands of particles, and weights that are not too sharp for the nearest
+        of them: e.g. ``best`` with ``laser_likelihood_exponent`` 0.1 and ``laser_sigma_hit`` 0.2.
         Goes on with the filter's own draws unless ``state`` (uint64[4]) is given, and compares the
         next odometry with the last one heard unless ``pose_odometry`` is given. Raises ValueError
         as ``reset`` does.
@@ -184,7 +186,7 @@ class AMCL:
 
     def snapshot(self) -> Belief:
         """Copy of the whole filter; after ``restore`` it goes on bit for bit the same."""
-        return Belief(*(array.copy() for array in self._belief))
+        return Belief._make(array.copy() for array in self._belief)
 
     def restore(self, snapshot: Belief) -> None:
         """Take up a ``snapshot`` of a filter with the same configuration.

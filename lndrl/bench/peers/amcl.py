@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.bench.amcl import Recording, fixed_count, record, shortened, used_beams
+from lndrl.bench.amcl import fixed_count, record, shortened, used_beams
+from lndrl.bench.localization_drives import Drive
 from lndrl.bench.scene import hybrid_config
 from lndrl.config import LaserConfig, LocalizationConfig, RunConfig
 from lndrl.localization import AMCL, LikelihoodMap
@@ -67,7 +68,7 @@ def _by_key(rows: dict[str, tuple[float, float]]) -> dict[str, Any]:
     }
 
 
-def _peer(config: RunConfig, place: Place, recording: Recording) -> dict[str, Any]:
+def _peer(config: RunConfig, place: Place, recording: Drive) -> dict[str, Any]:
     try:
         package = importlib.import_module("amcl")
     except ImportError:
@@ -87,7 +88,7 @@ def replay_peer(
     grid: OccupancyGrid,
     config: LocalizationConfig,
     laser: LaserConfig,
-    recording: Recording,
+    recording: Drive,
 ) -> tuple[list[float], NDArray[np.float64]]:
     """Seconds of every update of the ``amcl`` package, and its estimates (T, 3) (m, rad).
 
@@ -147,7 +148,7 @@ def _make_peer(
 
 
 def _ours(
-    place: Place, localization: LocalizationConfig, config: RunConfig, recording: Recording
+    place: Place, localization: LocalizationConfig, config: RunConfig, recording: Drive
 ) -> tuple[float, float]:
     """Median seconds of an update, and the position RMSE (m)."""
     laser = config.world.laser
@@ -165,6 +166,6 @@ def _ours(
     return statistics.median(times), _rmse(np.array(estimates), recording)
 
 
-def _rmse(estimates: NDArray[np.float64], recording: Recording) -> float:
+def _rmse(estimates: NDArray[np.float64], recording: Drive) -> float:
     wrong = estimates[:, :2] - recording.truth[:, :2]
     return float(np.sqrt((wrong**2).sum(axis=1).mean()))

@@ -99,22 +99,22 @@ def test_beam_model_tracks(place, drives):
 
 
 def test_beam_skipping_forgives_objects_that_are_not_on_the_map(place, drives):
-    """A third of the beams ends on people around the robot."""
-    drive = drives[1]
+    """Every second beam ends 2 m away at the latest, on something that moves along."""
     errors = []
     for skip in (False, True):
-        # A flat tail would forgive by itself.
-        amcl = make(place, config(preset="best", laser_z_rand=1e-6, do_beamskip=skip,
-                                  recovery_alpha_slow=0.0, recovery_alpha_fast=0.0))  # fmt: skip
-        amcl.reset(drive.start, stream_state(1))
+        # Without random readings nothing else forgives.
+        keys = {"laser_z_rand": 1e-6, "recovery_alpha_slow": 0, "recovery_alpha_fast": 0}
+        amcl = make(place, config(preset="best", do_beamskip=skip, **keys))
         wrong = []
-        for i in range(60):
-            ranges = drive.ranges[i, ::12].copy()
-            ranges[::3] = np.minimum(ranges[::3], 0.8)
-            amcl.update(drive.odometry[i], ranges, BEARINGS)
-            wrong.append(np.hypot(*(amcl.pose_estimated - drive.truth[i])[:2]))
-        errors.append(max(wrong))
-    assert errors[1] < 0.1 and errors[1] < 0.7 * errors[0]
+        for drive in drives[:5]:
+            amcl.reset(drive.start, stream_state(1))
+            for i in range(60):
+                ranges = drive.ranges[i, ::12].copy()
+                ranges[::2] = np.minimum(ranges[::2], 2.0)
+                amcl.update(drive.odometry[i], ranges, BEARINGS)
+                wrong.append(np.hypot(*(amcl.pose_estimated - drive.truth[i])[:2]))
+        errors.append(np.mean(wrong))
+    assert errors[1] < 0.85 * errors[0]
 
 
 def test_selective_resampling_waits_for_uneven_weights(place, drives):
@@ -287,24 +287,25 @@ def test_start_covariance(place):
             amcl.reset([5.0, 5.0, 1.0], stream_state(0), covariance=wrong)
 
 
-def test_global_localization_is_uniform_and_finds_the_robot(place, drives):
-    settings = config(preset="best", max_particles=20_000, laser_sigma_hit=0.2)
-    amcl = make(place, settings)
+def test_global_localization_is_uniform_and_finds_robots(place, drives):
+    # Thirty particles per square metre: only flat weights let the nearest ones survive.
+    keys = {"laser_sigma_hit": 0.2, "laser_likelihood_exponent": 0.1}
+    amcl = make(place, config(preset="best", max_particles=20_000, **keys))
     with pytest.raises(ValueError, match="never reset"):
         amcl.global_localization()
     found = 0
-    for number in range(4):
-        drive = drives[number]
+    for number, drive in enumerate(drives):
         amcl.global_localization(stream_state(number), pose_odometry=[0.0, 0.0, 0.0])
-        x, y, yaw = amcl.particles.T
-        assert np.histogram(x, 5, (0.1, 32.9))[0] == pytest.approx(4000, rel=0.15)
-        assert np.histogram(yaw, 4, (-math.pi, math.pi))[0] == pytest.approx(5000, rel=0.06)
-        assert amcl.count == 20_000 and amcl.effective_count == 20_000
-        free = [place.grid.occupied[place.grid.index(a, b)] for a, b in zip(x, y, strict=True)]
-        assert not any(free)
-        feed(amcl, drive, 0, 60)
-        found += np.hypot(*(amcl.pose_estimated - drive.truth[59])[:2]) < 0.2
-    assert found >= 3
+        if number == 0:
+            x, y, yaw = amcl.particles.T
+            assert np.histogram(x, 5, (0.1, 32.9))[0] == pytest.approx(4000, rel=0.15)
+            assert np.histogram(yaw, 4, (-math.pi, math.pi))[0] == pytest.approx(5000, rel=0.06)
+            assert amcl.count == 20_000 and amcl.effective_count == 20_000
+            cells = [place.grid.index(a, b) for a, b in zip(x, y, strict=True)]
+            assert not any(place.grid.occupied[cell] for cell in cells)
+        feed(amcl, drive, 0, 80)
+        found += np.hypot(*(amcl.pose_estimated - drive.truth[79])[:2]) < 0.3
+    assert found >= 4  # of 10; the room looks alike in many places
 
 
 def test_kidnapped_robots_are_found_again_and_only_with_recovery(place, drives):

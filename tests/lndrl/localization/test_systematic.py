@@ -87,8 +87,9 @@ def test_every_prefix_covers_the_whole_set(size):
 def test_kld_stops_where_independent_draws_stop(spread):
     made = Setting(spread, min_particles=100)
     sizes = [[made.run(seed, k)[0] for seed in range(30)] for k in (resample_systematic, resample)]
-    # A sorted sweep would stop early: it has seen one corner's bins only.
-    assert np.mean(sizes[0]) == pytest.approx(np.mean(sizes[1]), rel=0.08)
+    # A sorted sweep would stop early: it has seen one corner's bins only. Even draws meet the rare
+    # bins somewhat sooner than independent ones, so they err on the other side.
+    assert 0.97 < np.mean(sizes[0]) / np.mean(sizes[1]) < 1.2
     count, k = made.run(1)
     keys = [bin_key(*made.target[:3, i], made.bins) for i in range(count)]
     assert k == len(set(keys))
