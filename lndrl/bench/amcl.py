@@ -3,35 +3,41 @@
 from __future__ import annotations
 
 import statistics
-from dataclasses import dataclass
+from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.bench.localization_drives import Drive, record_drives
 from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import hybrid_config
-from lndrl.config import LocalizationConfig, RunConfig
-from lndrl.localization import AMCL, LikelihoodMap, amcl_beam_stride
-from lndrl.navigation import build_surroundings
+from lndrl.config import LaserConfig, LocalizationConfig, RunConfig
+from lndrl.localization import (
+    AMCL,
+    LikelihoodMap,
+    amcl_beam_stride,
+    belief_of,
+    kld_limits,
+    make_beliefs,
+    make_bins,
+    make_field,
+    make_scratch,
+    make_settings,
+    update_belief,
+)
+from lndrl.maps.grid import OccupancyGrid
 from lndrl.randomness import Stream, stream_state
-from lndrl.world import Place, World
+from lndrl.world import Place, beam_bearings
 
-PARTICLES = (500, 2000)
+SIZES = {"500x60": (500, 60), "2000x60": (2000, 60), "2000x100": (2000, 100)}
+"""Label: particles and ``laser_max_beams``; 100 of 720 is every seventh beam, so 103."""
+MODELS = ("likelihood_field", "likelihood_field_prob", "beam")
 _TICKS = 200
-_DRIVE = (0.4, 0.15)
-"""m/s, rad/s: a wide circle, so that every tick passes the update thresholds."""
-
-
-@dataclass(frozen=True)
-class _Recording:
-    """Sensor readings of one drive: odometry (T, 3), ranges (T, beams), bearings (beams,)."""
-
-    start: NDArray[np.float64]
-    odometry: NDArray[np.float64]
-    ranges: NDArray[np.float32]
-    bearings: NDArray[np.float32]
+_BEAM_TICKS = 40
+"""The beam model takes some milliseconds per update."""
 
 
 def measure(seconds: float) -> dict[str, Any]:
@@ -39,54 +45,114 @@ def measure(seconds: float) -> dict[str, Any]:
 
     Replays one drive through the hybrid scenario, every update of which passes the thresholds.
     Particle counts are held fixed by equal limits, the worst case of adaptive sampling.
+    ``update_microseconds_compiled`` is the same without the Python wrapper, called from compiled
+    code as worlds do; ``update_microseconds_by_model`` is 500x60 for every sensor model.
     """
     config = hybrid_config()
-    place, field = build_surroundings(config)
-    recording = _record(config, place)
-    beams = len(recording.bearings)
+    place = Place.build(config.scenario, config.world.robot_radius)
+    recording = record(config, place)
+    laser = config.world.laser
+    wrapped, compiled = {}, {}
+    for label, (count, beams) in SIZES.items():
+        fixed = fixed_count(config.localization, count, laser_max_beams=beams)
+        filters = (place.grid, fixed, laser, recording)
+        wrapped[label] = 1e6 * _median(_wrapped(*filters), seconds)
+        compiled[label] = 1e6 * _median(_compiled(*filters), seconds)
+    by_model = {}
+    for model in MODELS:
+        fixed = fixed_count(config.localization, 500, laser_model_type=model)
+        part = shortened(recording, _BEAM_TICKS) if model == "beam" else recording
+        by_model[model] = 1e6 * _median(_wrapped(place.grid, fixed, laser, part), seconds)
     return {
-        "update_microseconds": {
-            f"{count}x{beams}": 1e6 * _update_seconds(config, field, recording, count, seconds)
-            for count in PARTICLES
-        }
+        "update_microseconds": wrapped,
+        "update_microseconds_compiled": compiled,
+        "update_microseconds_by_model": by_model,
     }
 
 
-def _record(config: RunConfig, place: Place) -> _Recording:
-    stride = amcl_beam_stride(config.world.laser, config.localization)
-    used = np.arange(0, config.world.laser.beams, stride)
-    fan = config.world.laser.field_of_view
-    bearings = (used * (fan / config.world.laser.beams) - 0.5 * fan).astype(np.float32)
-    world = World(place, config.world)
-    odometry, ranges = [], []
-    world.reset(config.seed, 0, 0)
-    start = world.start_pose.copy()
-    world.begin_step(*_DRIVE)
-    for _ in range(_TICKS):
-        world.tick()
-        odometry.append(world.pose_odometry.copy())
-        ranges.append(world.scan_sparse(stride).copy())
-    return _Recording(start, np.array(odometry), np.array(ranges), bearings)
+def fixed_count(config: LocalizationConfig, count: int, **changes: Any) -> LocalizationConfig:
+    """``config`` with exactly ``count`` particles and ``changes``."""
+    data = {**config.model_dump(), "min_particles": count, "max_particles": count, **changes}
+    return LocalizationConfig.model_validate(data)
 
 
-def _update_seconds(
-    config: RunConfig, field: LikelihoodMap, recording: _Recording, count: int, seconds: float
-) -> float:
-    limits = {"min_particles": count, "max_particles": count}
-    localization = LocalizationConfig.model_validate({**config.localization.model_dump(), **limits})
-    amcl = AMCL(field, localization, config.world.laser)
-    _replay(amcl, recording, config.seed)
-    times: list[float] = []
-    while len(times) < REPETITIONS or sum(times) * _TICKS < seconds:
-        times.append(_replay(amcl, recording, config.seed))
-    return statistics.median(times)
+def record(config: RunConfig, place: Place) -> Drive:
+    """The drive that all filters hear: through the configured scenario and its people."""
+    return record_drives(place, config.world, drives=1, updates=_TICKS, seed=config.seed)[0]
 
 
-def _replay(amcl: AMCL, recording: _Recording, seed: int) -> float:
-    """Mean seconds of the updates that moved the filter, from the start of the recording."""
-    amcl.reset(recording.start, stream_state(seed, 0, 0, Stream.LOCALIZATION))
+def shortened(recording: Drive, ticks: int) -> Drive:
+    """The first ``ticks`` entries."""
+    return Drive(
+        recording.start, recording.truth[:ticks], recording.odometry[:ticks],
+        recording.ranges[:ticks],
+    )  # fmt: skip
+
+
+def used_beams(
+    recording: Drive, config: LocalizationConfig, laser: LaserConfig
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Ranges (T, n) and bearings (n,) of the beams that a filter of ``config`` is given."""
+    stride = amcl_beam_stride(laser, config)
+    bearings = beam_bearings(laser)[::stride].astype(np.float32)
+    return np.ascontiguousarray(recording.ranges[:, ::stride]), bearings
+
+
+def _wrapped(
+    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Drive
+) -> Callable[[], float]:
+    """A replay through ``AMCL``: seconds per update that moved the filter."""
+    amcl = AMCL(LikelihoodMap.build(grid, config), config, laser)
+    ranges, bearings = used_beams(recording, config, laser)
+
+    def replay() -> float:
+        amcl.reset(recording.start, stream_state(1, 0, 0, Stream.LOCALIZATION))
+        updates = 0
+        started = perf_counter()
+        for pose, row in zip(recording.odometry, ranges, strict=True):
+            updates += amcl.update(pose, row, bearings)
+        return (perf_counter() - started) / updates
+
+    return replay
+
+
+@njit(cache=True, nogil=True)
+def _replay(
+    odometry, ranges, bearings, belief, scratch, bins, limits, field, settings
+):  # pragma: no cover
     updates = 0
+    for i in range(odometry.shape[0]):
+        updates += update_belief(
+            odometry[i], ranges[i], bearings, belief, scratch, bins, limits, field, settings
+        )
+    return updates
+
+
+def _compiled(
+    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Drive
+) -> Callable[[], float]:
+    """The same replay in one compiled call."""
+    belief = belief_of(make_beliefs(1, config), 0)
+    scratch, bins = make_scratch(config, laser), make_bins(config)
+    field = LikelihoodMap.build(grid, config)
+    amcl = AMCL(field, config, laser, belief, scratch, bins)
+    constant = (kld_limits(config), make_field(field), make_settings(config, laser))
+    ranges, bearings = used_beams(recording, config, laser)
+
+    def replay() -> float:
+        amcl.reset(recording.start, stream_state(1, 0, 0, Stream.LOCALIZATION))
+        started = perf_counter()
+        updates = _replay(recording.odometry, ranges, bearings, belief, scratch, bins, *constant)
+        return (perf_counter() - started) / int(updates)
+
+    return replay
+
+
+def _median(replay: Callable[[], float], seconds: float) -> float:
+    """Median of at least ``REPETITIONS`` replays, after one that warms up."""
+    replay()
+    times: list[float] = []
     started = perf_counter()
-    for pose, ranges in zip(recording.odometry, recording.ranges, strict=True):
-        updates += amcl.update(pose, ranges, recording.bearings)
-    return (perf_counter() - started) / updates
+    while len(times) < REPETITIONS or perf_counter() - started < seconds:
+        times.append(replay())
+    return statistics.median(times)

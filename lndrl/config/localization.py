@@ -16,8 +16,17 @@ PRESETS: dict[str, dict[str, Any]] = {
     "paper": {},
     # The most accurate and robust of what was tried; docs/localization.md has the figures.
     "best": {
-        "laser_field": "surfaces",
         "odom_model_type": "diff-corrected",
+        "odom_alpha1": 0.1,
+        "odom_alpha2": 0.1,
+        "odom_alpha3": 0.1,
+        "odom_alpha4": 0.1,
+        "laser_model_type": "likelihood_field_prob",
+        "laser_field": "surfaces",
+        "laser_sigma_hit": 0.1,
+        "resample_model_type": "systematic",
+        "recovery_persistent": True,
+        "recovery_tolerance": 5.0,
     },
     "perfect": {"kind": "perfect"},
 }
@@ -87,6 +96,12 @@ class LocalizationConfig(Model):
     )
     recovery_alpha_slow: Probability = Field(0.001, description="0 with fast 0: no recovery")
     recovery_alpha_fast: Probability = 0.1
+    recovery_persistent: bool = Field(
+        False, description="inject until the scan fits again (Thrun); ROS forgets after one burst"
+    )
+    recovery_tolerance: Positive = Field(
+        1.0, description="persistent only: injects when the fit is this many times worse than usual"
+    )
     bin_size: Positive = Field(0.5, description="m, KLD and cluster bins")
     bin_angle: Positive = Field(0.17453292519943295, description="rad (10 degrees)")
     initial_deviation_xy: NonNegative = Field(0.05, description="m, at episode start")

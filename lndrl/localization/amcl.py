@@ -33,10 +33,11 @@ from lndrl.localization.motion import scatter_correlated
 from lndrl.localization.resampling import kld_limits
 from lndrl.localization.update import (
     fill_bins,
+    pack,
     reset_belief,
     spread_belief,
     summarise,
-    update_belief,
+    update_packed,
 )
 from lndrl.randomness import State
 
@@ -46,7 +47,7 @@ class AMCL:
 
     ``belief`` is this filter's row of ``make_beliefs``; ``scratch`` and ``bins`` may be shared by
     all filters of a thread. What is not given is allocated. ``field`` must have been built for the
-    same configuration.
+    same configuration. Raises ValueError for a field or a belief of another one.
 
     Attributes (updated in place; copy what you keep):
       ``pose_estimated`` (3,): mean x, y (m), yaw (rad) of the heaviest cluster, map frame;
@@ -65,13 +66,23 @@ class AMCL:
         self._belief = belief_of(make_beliefs(1, config), 0) if belief is None else belief
         self._scratch = make_scratch(config, laser) if scratch is None else scratch
         self._bins = make_bins(config) if bins is None else bins
+        if field.model != config.laser_model_type:
+            raise ValueError(f"the map was built for {field.model}, not {config.laser_model_type}")
         if self._belief.weights.shape != (config.max_particles,):
             raise ValueError(f"the belief has no room for exactly {config.max_particles} particles")
         self.pose_estimated: Vector = self._belief.pose
         self.covariance: Vector = self._belief.covariance
         self.variance: Vector = np.diagonal(self.covariance)
         self._spread: Vector = np.array(config.initial_deviations)
-        self._constant = (kld_limits(config), make_field(field), make_settings(config, laser))
+        self._field = make_field(field)
+        self._packed = pack(
+            self._belief,
+            self._scratch,
+            self._bins,
+            kld_limits(config),
+            self._field,
+            make_settings(config, laser),
+        )
         self._most_beams = laser.beams
 
     @property
@@ -159,6 +170,8 @@ class AMCL:
     ) -> None:
         """Forget the pose: draw ``max_particles`` uniformly over the free space, any heading.
 
+        A building needs thousands of particles, and weights that are not too sharp for the nearest
+        of them: e.g. ``best`` with ``laser_likelihood_exponent`` 0.1 and ``laser_sigma_hit`` 0.2.
         Goes on with the filter's own draws unless ``state`` (uint64[4]) is given, and compares the
         next odometry with the last one heard unless ``pose_odometry`` is given. Raises ValueError
         as ``reset`` does.
@@ -169,11 +182,11 @@ class AMCL:
             self._seed(state)
         elif not self._belief.random.any():
             raise ValueError("a filter that was never reset needs a state to draw from")
-        spread_belief(self._belief, self._scratch, self._bins, self._constant[1])
+        spread_belief(self._belief, self._scratch, self._bins, self._field)
 
     def snapshot(self) -> Belief:
         """Copy of the whole filter; after ``restore`` it goes on bit for bit the same."""
-        return Belief(*(array.copy() for array in self._belief))
+        return Belief._make(array.copy() for array in self._belief)
 
     def restore(self, snapshot: Belief) -> None:
         """Take up a ``snapshot`` of a filter with the same configuration.
@@ -210,17 +223,7 @@ class AMCL:
             raise ValueError("update needs odometry (3,), and ranges and bearings of one length")
         if ranges.size > self._most_beams:
             raise ValueError(f"{ranges.size} ranges, the laser has {self._most_beams} beams")
-        return bool(
-            update_belief(
-                odometry,
-                ranges,
-                bearings,
-                self._belief,
-                self._scratch,
-                self._bins,
-                *self._constant,
-            )
-        )
+        return bool(update_packed(odometry, ranges, bearings, self._packed))
 
     def _seed(self, state: State) -> None:
         if np.shape(state) != (4,):

@@ -85,6 +85,8 @@ class Settings(NamedTuple):
     resample_interval: int
     alpha_slow: float
     alpha_fast: float
+    recovery_tolerance: float
+    recovery_persistent: int
     sensor_model: int  # see SENSOR_MODELS
     motion_corrected: int  # 1: deviations are square roots of the variances
     systematic: int  # 1: low-variance draws
@@ -167,6 +169,8 @@ def make_settings(config: LocalizationConfig, laser: LaserConfig) -> Settings:
         resample_interval=int(config.resample_interval),
         alpha_slow=float(config.recovery_alpha_slow),
         alpha_fast=float(config.recovery_alpha_fast),
+        recovery_tolerance=float(config.recovery_tolerance),
+        recovery_persistent=int(config.recovery_persistent),
         sensor_model=SENSOR_MODELS[config.laser_model_type],
         motion_corrected=int(config.odom_model_type == "diff-corrected"),
         systematic=int(config.resample_model_type == "systematic"),

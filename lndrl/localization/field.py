@@ -1,4 +1,4 @@
-"""From a map to what a beam's end is worth: distances to obstacles and the sensor models' factors."""
+"""From a map to the worth of a beam's end: distances to obstacles, factors of sensor models."""
 
 from __future__ import annotations
 

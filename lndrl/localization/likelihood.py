@@ -38,7 +38,7 @@ class LikelihoodMap:
     For ``likelihood_field_prob`` the table holds ``log pz`` (see ``field.beam_factor``).
     ``clearance``: uint8 ``(height, width)``, what rays march on; only the beam model has it.
     ``skip_level``, ``agreement_level``: table values at ``beam_skip_distance`` and
-    ``agreement_distance``; larger is nearer.
+    ``agreement_distance``; larger is nearer. ``model``: the ``laser_model_type`` it serves.
     """
 
     table: NDArray[np.float32]
@@ -50,6 +50,7 @@ class LikelihoodMap:
     clearance: NDArray[np.uint8]
     skip_level: float
     agreement_level: float
+    model: str
 
     @classmethod
     def build(cls, grid: OccupancyGrid, config: LocalizationConfig) -> LikelihoodMap:
@@ -76,6 +77,7 @@ class LikelihoodMap:
             cells,
             float(skip_level),
             float(agreement_level),
+            config.laser_model_type,
         )
 
 

@@ -74,9 +74,11 @@ def test_world_figures() -> None:
 
 
 def test_amcl_figures() -> None:
-    update = measure_amcl(0.01)["update_microseconds"]
-    assert set(update) == {"500x60", "2000x60"}
-    assert all(microseconds > 0 for microseconds in update.values())
+    figures = measure_amcl(0.01)
+    for key in ("update_microseconds", "update_microseconds_compiled"):
+        assert set(figures[key]) == {"500x60", "2000x60", "2000x100"}
+    by_model = figures["update_microseconds_by_model"]
+    assert by_model["beam"] > 5 * by_model["likelihood_field"] > 0
 
 
 def test_transport_rates_leave_out_the_warm_up() -> None:

@@ -69,6 +69,11 @@ def run_resample(made, count, chance=0.0):
 def test_kld_limits_match_the_published_table(err, z, expected):
     config = LocalizationConfig(kld_err=err, kld_z=z, min_particles=1, max_particles=9000)
     limits = kld_limits(config)
+    if z == 2.326:
+        probability = LocalizationConfig(
+            kld_err=err, kld_z=0.99, kld_z_is_probability=True, min_particles=1, max_particles=9000
+        )
+        assert np.abs(kld_limits(probability) - limits).max() <= 1
     one = 10.0 * (0.05 / err) * (1 - 2 / 9 + math.sqrt(2 / 9) * z) ** 3
     assert limits[0] == limits[1] == 1 and limits[2] == math.ceil(one)
     assert [limits[k] for k in (3, 5, 10, 20, 50, 100)] == pytest.approx(expected, abs=1)
