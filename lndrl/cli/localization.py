@@ -86,13 +86,15 @@ def _plan(scenarios: str, seeds: int, pedestrians: str, settings: str, updates: 
         if label in chosen:
             raise UserError(f"--settings {settings}: {label} is named twice")
         chosen[label] = load_settings(name)
-    return Plan(
+    plan = Plan(
         scenarios=tuple(scenarios_named(_split(scenarios, "--scenarios"))),
         pedestrians=tuple(dict.fromkeys(counts)),
         settings=chosen,
         seeds=seeds,
         updates=updates,
     )
+    plan.check()
+    return plan
 
 
 def _split(text: str, option: str) -> list[str]:

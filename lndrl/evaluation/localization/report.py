@@ -65,6 +65,21 @@ class Plan:
             for seed in range(self.seeds)
         ]
 
+    def check(self) -> None:
+        """Raise UserError for what cannot be measured, before any work."""
+        if self.seeds < 1:
+            raise UserError(f"{self.seeds} seeds give no figures; give 1 or more")
+        if self.updates < LEAST_UPDATES:
+            raise UserError(
+                f"{self.updates} updates leave no time to recover; give {LEAST_UPDATES} or more"
+            )
+        _check_names("scenario", [scenario.name for scenario in self.scenarios])
+        _check_names("pedestrian count", self.pedestrians)
+        _check_names("setting", tuple(self.settings))
+        for scenario in self.scenarios:
+            for people in self.pedestrians:
+                with_pedestrians(scenario, people)
+
 
 @dataclass(frozen=True)
 class Report:
@@ -127,7 +142,7 @@ def measure_localization(
 
     Raises UserError for an impossible plan or scenario, or when a worker dies.
     """
-    _check(plan)
+    plan.check()
     tasks = plan.tasks()
     facts: dict[Task, DriveFacts] = {}
     outcomes: dict[tuple[Task, str], Outcome] = {}
@@ -145,24 +160,6 @@ def measure_localization(
         tuple(facts[task] for task in tasks),
         tuple(outcomes[task, label] for task in tasks for label in plan.settings),
     )
-
-
-def _check(plan: Plan) -> None:
-    if plan.seeds < 1:
-        raise UserError(f"{plan.seeds} seeds give no figures; give 1 or more")
-    if plan.updates < LEAST_UPDATES:
-        raise UserError(
-            f"{plan.updates} updates leave no time to recover; give {LEAST_UPDATES} or more"
-        )
-    for kind, each in (
-        ("scenario", [scenario.name for scenario in plan.scenarios]),
-        ("pedestrian count", plan.pedestrians),
-        ("setting", tuple(plan.settings)),
-    ):
-        _check_names(kind, each)
-    for scenario in plan.scenarios:
-        for people in plan.pedestrians:
-            with_pedestrians(scenario, people)
 
 
 def _check_names(kind: str, names: Sequence[Any]) -> None:

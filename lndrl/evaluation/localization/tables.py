@@ -126,8 +126,8 @@ def report_markdown(report: Report, command: str, machine: str, picture: str) ->
         _markdown(*accuracy_rows(report.cells())),
         "### Recovery",
         f"Share of drives (Wilson interval) whose position error falls below {RECOVERED_WITHIN:g} "
-        f"m and stays so for {RECOVERED_FOR:g} s before the drive ends, {0.5 * seconds:.0f} s after "
-        "the trouble, and the median seconds until then; a dash where most never do.",
+        f"m and stays so for {RECOVERED_FOR:g} s before the drive ends, {0.5 * seconds:.0f} s "
+        "after the trouble, and the median seconds until then; a dash where most never do.",
         _markdown(*recovery_rows(report.cells())),
     ]
     return "\n\n".join(parts)

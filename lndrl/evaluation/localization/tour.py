@@ -50,7 +50,7 @@ class RouteMap:
 
     @classmethod
     def build(cls, place: Place) -> RouteMap:
-        """Sample ``place`` every ``STEP`` m; near walls a step costs up to four times its length."""
+        """Sample ``place`` every ``STEP`` m; near walls steps cost up to four times as much."""
         width, height = place.grid.size
         ys, xs = np.mgrid[0.5 * STEP : height : STEP, 0.5 * STEP : width : STEP]
         rows = np.minimum((ys / place.grid.resolution).astype(int), place.distance.shape[0] - 1)
