@@ -9,7 +9,7 @@ from typing import Any
 from lndrl.config import REPOSITORY_CONFIGS, LocalizationConfig, load_scenario, localization
 from lndrl.errors import UserError
 from lndrl.models import load_yaml, validate
-from lndrl.scenario import Pedestrians, Scenario
+from lndrl.scenario import Scenario
 
 PRESETS: dict[str, Any] = getattr(localization, "PRESETS", {"paper": {}})
 
@@ -42,8 +42,12 @@ def label_of(name: str) -> str:
 
 
 def known_scenarios() -> list[str]:
-    """Names of the scenarios that come with the program, in alphabetical order."""
-    return sorted(path.stem for path in (REPOSITORY_CONFIGS / "scenarios").glob("*.yaml"))
+    """Names of the drawn scenarios that come with the program, in alphabetical order.
+
+    Without generated ones: every seed of a report drives in the same place.
+    """
+    names = sorted(path.stem for path in (REPOSITORY_CONFIGS / "scenarios").glob("*.yaml"))
+    return [name for name in names if load_scenario(name).kind == "geometry"]
 
 
 def scenarios_named(names: Sequence[str]) -> list[Scenario]:
@@ -57,6 +61,6 @@ def scenarios_named(names: Sequence[str]) -> list[Scenario]:
 
 def with_pedestrians(scenario: Scenario, count: int) -> Scenario:
     """``scenario`` with exactly ``count`` pedestrians; raises UserError where nobody can walk."""
-    people = scenario.pedestrians.model_dump() | {"count": (count, count)}
-    where = f"scenario {scenario.name} with {count} pedestrians"
-    return scenario.model_copy(update={"pedestrians": validate(Pedestrians, people, where)})
+    data = scenario.model_dump()
+    data["pedestrians"]["count"] = (count, count)
+    return validate(Scenario, data, f"scenario {scenario.name} with {count} pedestrians")
