@@ -1,0 +1,35 @@
+"""How well the filter localizes: recorded drives, replayed under several settings."""
+
+from lndrl.evaluation.localization.drives import Drive, record_drive
+from lndrl.evaluation.localization.figures import Cell, Outcome, recovery_seconds
+from lndrl.evaluation.localization.replay import Replayer
+from lndrl.evaluation.localization.report import Plan, Report, measure_localization
+from lndrl.evaluation.localization.settings import label_of, load_settings, scenarios_named
+from lndrl.evaluation.localization.tables import (
+    check_document,
+    report_markdown,
+    report_tables,
+    write_document,
+)
+from lndrl.evaluation.localization.tour import RouteMap, Tour
+
+__all__ = [
+    "Cell",
+    "Drive",
+    "Outcome",
+    "Plan",
+    "Replayer",
+    "Report",
+    "RouteMap",
+    "Tour",
+    "check_document",
+    "label_of",
+    "load_settings",
+    "measure_localization",
+    "record_drive",
+    "recovery_seconds",
+    "report_markdown",
+    "report_tables",
+    "scenarios_named",
+    "write_document",
+]

@@ -1,0 +1,66 @@
+"""Settings and scenarios by the names that a user types."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lndrl.config import REPOSITORY_CONFIGS, LocalizationConfig, load_scenario, localization
+from lndrl.errors import UserError
+from lndrl.models import load_yaml, validate
+from lndrl.scenario import Scenario
+
+PRESETS: dict[str, Any] = getattr(localization, "PRESETS", {"paper": {}})
+
+
+def load_settings(name: str) -> LocalizationConfig:
+    """The preset ``name``, or what a YAML file of ``localization`` keys says.
+
+    The file may hold a whole configuration; its ``localization`` counts. Raises UserError naming
+    the setting, or file and key.
+    """
+    if name.endswith((".yaml", ".yml")):
+        data = load_yaml(Path(name))
+        config = validate(LocalizationConfig, data.get("localization", data), name)
+    elif name in PRESETS:
+        keys = {"preset": name} if "preset" in LocalizationConfig.model_fields else PRESETS[name]
+        config = validate(LocalizationConfig, keys, f"--settings {name}")
+    else:
+        raise UserError(
+            f"--settings {name}: unknown; known: {', '.join(PRESETS)}, or give a YAML file of "
+            "localization keys"
+        )
+    if config.kind != "amcl":
+        raise UserError(f"--settings {name}: kind {config.kind} has no errors to report; use amcl")
+    return config
+
+
+def label_of(name: str) -> str:
+    """What a setting is called in tables: the preset, or the file's name without ending."""
+    return Path(name).stem if name.endswith((".yaml", ".yml")) else name
+
+
+def known_scenarios() -> list[str]:
+    """Names of the drawn scenarios that come with the program, in alphabetical order.
+
+    Without generated ones: every seed of a report drives in the same place.
+    """
+    names = sorted(path.stem for path in (REPOSITORY_CONFIGS / "scenarios").glob("*.yaml"))
+    return [name for name in names if load_scenario(name).kind == "geometry"]
+
+
+def scenarios_named(names: Sequence[str]) -> list[Scenario]:
+    """Scenarios by name or YAML file; ``all`` stands for all that come with the program.
+
+    Raises UserError for unknown ones.
+    """
+    wanted = [each for name in names for each in (known_scenarios() if name == "all" else [name])]
+    return [load_scenario(name) for name in dict.fromkeys(wanted)]
+
+
+def with_pedestrians(scenario: Scenario, count: int) -> Scenario:
+    """``scenario`` with exactly ``count`` pedestrians; raises UserError where nobody can walk."""
+    data = scenario.model_dump()
+    data["pedestrians"]["count"] = (count, count)
+    return validate(Scenario, data, f"scenario {scenario.name} with {count} pedestrians")
