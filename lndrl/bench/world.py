@@ -15,9 +15,10 @@ from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import SCENARIOS, WORLDS, RandomActions, hybrid_config
 from lndrl.navigation import VectorNavigation
 from lndrl.navigation.step import _people, _robot
+from lndrl.world.laser import noisy_scan
 from lndrl.world.pedestrians import advance_people
 from lndrl.world.robot import take_command
-from lndrl.world.world import scan_world, tick_world
+from lndrl.world.world import tick_inline
 
 _STEPS = 30
 """Control steps of a split's drive: about as long as an episode of random actions."""
@@ -139,7 +140,7 @@ def _megabytes(environment: VectorNavigation) -> float:
 
 @njit(cache=True, nogil=True)
 def _only_people(robots, people, setting, scratch, commands, ticks):
-    for step in range(commands.shape[0]):
+    for _step in range(commands.shape[0]):
         for i in range(commands.shape[1]):
             robot = _robot(robots, i)
             for _ in range(ticks):
@@ -158,10 +159,13 @@ def _and_robots(robots, people, setting, scratch, commands, ticks, stride, range
             v, w = commands[step, i, 0], commands[step, i, 1]
             take_command(robot, v, w, setting.odometry_deviation)
             for tick in range(ticks):
-                tick_world(robot, crowd, setting, scratch)
-                if robot.contact[0] != 0 or tick == ticks - 1:
-                    if stride > 0:
-                        scan_world(robot, crowd, setting, scratch, 1, scans[i])
-                    break
+                tick_inline(robot, crowd, setting, scratch)
+                last = tick == ticks - 1 or robot.contact[0] != 0
                 if stride > 0:
-                    scan_world(robot, crowd, setting, scratch, stride, ranges)
+                    noisy_scan(
+                        setting.rays, setting.fan, robot.pose, crowd.legs[: 2 * crowd.count[0]],
+                        setting.leg_radius, 1 if last else stride, robot.laser_random,
+                        scratch.laser, scans[i] if last else ranges,
+                    )  # fmt: skip
+                if last:
+                    break

@@ -53,7 +53,7 @@ def make_bins(config: LocalizationConfig) -> Bins:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def bin_key(x, y, yaw, bins):
     """Key of the bin that holds the pose (m, m, rad in [-pi, pi))."""
     column = np.int64(np.floor(x / bins.size))
@@ -62,14 +62,14 @@ def bin_key(x, y, yaw, bins):
     return (column << X_SHIFT) + (row << Y_SHIFT) + heading
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def bin_keys(particles, count, bins, keys):
     """Keys of ``count`` particles (rows x, y, yaw, ...) into ``keys`` (int64)."""
     for i in range(count):
         keys[i] = bin_key(particles[0, i], particles[1, i], particles[2, i], bins)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def find(key, bins):
     """Number of the bin with ``key``, -1 if there is none."""
     mask = bins.slots.size - 1
@@ -81,7 +81,7 @@ def find(key, bins):
         slot = (slot + 1) & mask
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def insert(key, bins, k):
     """Number of the bin with ``key``, made if there is none; and the number of bins, ``k`` or more.
 

@@ -18,7 +18,7 @@ _NEIGHBOURS = np.array(
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _root(parent, b):
     while parent[b] != b:
         parent[b] = parent[parent[b]]
@@ -26,7 +26,7 @@ def _root(parent, b):
     return b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def connect(bins, k):
     """Join the ``k`` bins that touch (3 x 3 x 3 neighbours, headings wrapped) in ``parent``."""
     for b in range(k):
@@ -47,7 +47,7 @@ def connect(bins, k):
                 bins.parent[max(mine, theirs)] = min(mine, theirs)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def heaviest(bins, k):
     """Sum the bins' ``sums`` into their roots and return the root with the greatest mass."""
     for b in range(k):
@@ -62,7 +62,7 @@ def heaviest(bins, k):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def estimate(particles, weights, count, bin_of, bins, k, pose, covariance):
     """Write ``pose`` (3,) and ``covariance`` (3, 3) of ``count`` weighted particles.
 

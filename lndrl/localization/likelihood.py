@@ -81,7 +81,7 @@ class LikelihoodMap:
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def beam_ends(ranges, bearings, range_max, resolution, beams):
     """End points of the usable beams, in cells, in the robot frame.
 
@@ -104,7 +104,7 @@ def beam_ends(ranges, bearings, range_max, resolution, beams):
     return kept, broken
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
 def to_cells(particles, count, resolution, origin_x, origin_y, cells):
     """Particles (rows x, y, yaw, cos, sin) as float32 rows x, y, cos, sin in table cells."""
     scale = 1.0 / resolution
@@ -115,7 +115,7 @@ def to_cells(particles, count, resolution, origin_x, origin_y, cells):
         cells[3, i] = np.float32(particles[4, i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
 def _index_beam(beam_x, beam_y, x, y, cosine, sine, count, columns, last_x, last_y, index):
     # Vectorises: the border makes every position >= 0.5, so truncation is floor.
     first = np.float32(0.5)
@@ -127,7 +127,7 @@ def _index_beam(beam_x, beam_y, x, y, cosine, sine, count, columns, last_x, last
         index[i] = np.int32(np.int32(np.int32(end_y) * columns) + np.int32(end_x))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _gather(table, first, second, third, fourth, count, likelihood):
     # Not fastmath: the compiler would use gather instructions, which are slower than loads.
     for i in range(count):
@@ -136,13 +136,13 @@ def _gather(table, first, second, third, fourth, count, likelihood):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _gather_one(table, index, count, likelihood):
     for i in range(count):
         likelihood[i] += table[np.uint32(index[i])]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def likelihood_field(table, rows, columns, cells, count, beams, kept, index, likelihood):
     """``1 + sum pz^3`` of ``count`` particles into ``likelihood`` (float32).
 

@@ -12,13 +12,13 @@ import math
 import numpy as np
 from numba import njit
 
-from lndrl.localization.angles import difference, sincos
-from lndrl.randomness import fill_normals
+from lndrl.localization.angles import difference, sincos, wrap
+from lndrl.randomness import fill_normals, fill_normals32, normal
 
 LEAST_TRANSLATION = 0.01  # m; below it the direction of motion is only noise (ROS)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def decompose(old, new):
     """Odometry poses (x, y, yaw) to ``(rotation1, translation, rotation2)`` in rad, m, rad."""
     dx = new[0] - old[0]
@@ -31,7 +31,7 @@ def decompose(old, new):
     return rotation1, translation, rotation2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def deviations(rotation1, translation, rotation2, alpha):
     """Deviations of the three parts; ``alpha`` is (alpha1, alpha2, alpha3, alpha4).
 
@@ -47,16 +47,16 @@ def deviations(rotation1, translation, rotation2, alpha):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def draw_noise(noise, count, spread, state):
     """Three normals per particle, scaled by ``spread``, into ``noise[0..2]``."""
     for part in range(3):
-        fill_normals(state, noise[part, :count])
+        fill_normals32(state, noise[part, :count])
         for i in range(count):
             noise[part, i] *= spread[part]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
 def move(particles, count, motion, noise):
     """Move ``count`` particles (rows x, y, yaw, cos, sin) by ``motion`` less their noise."""
     rotation1, translation, rotation2 = motion
@@ -76,7 +76,7 @@ def move(particles, count, motion, noise):
         particles[4, i] = sine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def scatter(particles, count, pose, spread, state):
     """Gaussian cloud around ``pose``; ``spread`` holds the deviations of x, y (m) and yaw (rad)."""
     for row in range(3):
@@ -84,7 +84,7 @@ def scatter(particles, count, pose, spread, state):
     _place_around(particles, count, pose, spread)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
 def _place_around(particles, count, pose, spread):
     for i in range(count):
         particles[0, i] = pose[0] + spread[0] * particles[0, i]
@@ -98,7 +98,7 @@ def _place_around(particles, count, pose, spread):
         particles[4, i] = sine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def scatter_correlated(particles, count, pose, root, state):
     """As ``scatter``, with ``root`` (3, 3) a square root of the covariance of x, y, yaw."""
     for i in range(count):

@@ -37,7 +37,7 @@ def kld_limits(config: LocalizationConfig) -> NDArray[np.int32]:
     return limits
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def follow_average(averages, average, alpha_slow, alpha_fast):
     """Advance ``averages`` = [w_slow, w_fast] in place by the mean likelihood ``average``."""
     for i, alpha in ((0, alpha_slow), (1, alpha_fast)):
@@ -47,7 +47,7 @@ def follow_average(averages, average, alpha_slow, alpha_fast):
             averages[i] += alpha * (average - averages[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def recovery_chance(averages):
     """Chance that a drawn particle is random: ``max(0, 1 - w_fast / w_slow)``.
 
@@ -62,7 +62,7 @@ def recovery_chance(averages):
     return chance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def accumulate(weights, count, cumulative, guide):
     """Cumulative weights, and for each of ``count`` equal slices the first index reaching into it.
 
@@ -82,7 +82,7 @@ def accumulate(weights, count, cumulative, guide):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def draw(cumulative, guide, count, total, state):
     """Index drawn with probability proportional to its weight; one uniform per draw."""
     u = uniform(state)
@@ -96,7 +96,7 @@ def draw(cumulative, guide, count, total, state):
     return i
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def inject(target, n, field, state):
     """Particle ``n`` of ``target``: centre of a uniformly drawn free cell, uniform heading."""
     cell = field.free_cells[np.int64(uniform(state) * field.free_cells.size)]
@@ -111,7 +111,7 @@ def inject(target, n, field, state):
     target[4, n] = sine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def resample(source, weights, count, target, scratch, bins, limits, chance, field, state):
     """Draw a new set into ``target`` (rows x, y, yaw, cos, sin) until the KLD bound is passed.
 
@@ -141,7 +141,7 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
     return n, k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _draw_set(source, count, total, target, scratch, bins, limits, state):
     """``resample`` without injection: the same draws, in blocks.
 

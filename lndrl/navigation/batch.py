@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,8 @@ from lndrl.localization.bins import make_bins
 from lndrl.localization.resampling import kld_limits
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.reward import reward_weights
-from lndrl.navigation.step import Filter, Task, Views, drive_worlds, judge_worlds, observe_worlds
-from lndrl.navigation.track import make_tracks
+from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds
+from lndrl.navigation.track import RUNNING, make_tracks
 from lndrl.world import Place, WorldBatch, beam_bearings
 
 
@@ -66,39 +65,40 @@ class NavigationBatch:
             perfect=self.perfect,
         )
         self.task = _task(config)
+        shown = observation
+        self.machine = Machine(
+            self.world.robots,
+            self.world.people,
+            self.beliefs,
+            self.tracks,
+            Views(shown.scan, shown.pedestrians, shown.pedestrian_count, shown.goal),
+            self.world.setting,
+            self.world.scratch,
+            self.shared,
+            self.task,
+        )
+        self.worlds = worlds
+        self._still = np.zeros((1, 2))
 
-    def drive(self, commands: NDArray[np.float64], only: slice = slice(None)) -> None:
-        """Drive and sense for one control step; ``commands`` (n, 2) go to the worlds ``only``."""
-        world = self.world
-        drive_worlds(
-            rows(world.robots, only), rows(world.people, only), rows(self.beliefs, only),
-            rows(self.tracks, only), commands, world.setting, world.scratch, self.shared,
-            self.task.ticks,
-        )  # fmt: skip
+    def drive(self, commands: NDArray[np.float64], first: int = 0) -> None:
+        """Drive and sense for one control step; ``commands`` (n, 2) go to n worlds from ``first``
+        on.
+        """
+        drive_worlds(self.machine, first, commands, self.task.ticks)
 
-    def judge(self, only: slice = slice(None)) -> None:
-        """Observe, pay and judge what the worlds ``only`` have just driven."""
-        judge_worlds(*self._seen(only), self.task)
+    def judge(self, first: int = 0, worlds: int | None = None) -> None:
+        """Observe, pay and judge what ``worlds`` worlds (all) from ``first`` on have driven."""
+        judge_worlds(self.machine, first, self.worlds if worlds is None else worlds, False)
 
-    def observe(self, only: slice = slice(None)) -> None:
-        """Rewrite the observations of the worlds ``only``."""
-        observe_worlds(*self._seen(only), self.task)
-
-    def _seen(self, only: slice) -> tuple[Any, ...]:
-        shown = self.observation
-        views = Views(shown.scan, shown.pedestrians, shown.pedestrian_count, shown.goal)
-        world = self.world
-        return (
-            rows(world.robots, only), rows(world.people, only), rows(self.beliefs, only),
-            rows(self.tracks, only), rows(views, only),
-        )  # fmt: skip
-
-
-def rows(state: Any, only: slice) -> Any:
-    """The worlds ``only`` of a NamedTuple of arrays with a leading world dimension; views."""
-    if only == slice(None):
-        return state
-    return type(state)(*(array[only] for array in state))
+    def begin(self, world: int) -> None:
+        """Begin the episode that ``world`` and its filter have been reset for: sense, observe."""
+        tracks = self.tracks
+        tracks.sums[world] = 0.0
+        tracks.distance[world] = 0.0
+        tracks.steps[world] = 0
+        tracks.outcome[world] = RUNNING
+        drive_worlds(self.machine, world, self._still, 0)
+        judge_worlds(self.machine, world, 1, True)
 
 
 def _task(config: RunConfig) -> Task:

@@ -20,7 +20,6 @@ from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
 from lndrl.navigation.observation import Observation, dequantise
 from lndrl.navigation.snapshot import WorldSnapshot
-from lndrl.navigation.step import start_track
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import Stream, episode_states
 from lndrl.world import Place, World
@@ -96,7 +95,6 @@ class Navigation:
         self.track = track_of(batch.tracks, index)
         self.scan = self.track.scan
         self._tally = EpisodeTally(self.track)
-        self._only = slice(index, index + 1)
         self._command = np.zeros((1, 2))
 
     @property
@@ -115,12 +113,7 @@ class Navigation:
         states = episode_states(self.seed, self.world_id, self.episode)
         self.world.reset(self.seed, self.world_id, self.episode, states)
         self.localization.reset(self.world.start_pose, states[Stream.LOCALIZATION])
-        batch = self.batch
-        start_track(
-            self.world.robot, self.world.people, self._belief, self.track,
-            batch.world.setting, batch.world.scratch, batch.shared,
-        )  # fmt: skip
-        self._observe()
+        self.batch.begin(self.index)
 
     def step(self, v: float, w: float) -> Transition:
         """Drive with ``v`` (m/s) and ``w`` (rad/s) for one control step.
@@ -130,15 +123,12 @@ class Navigation:
         if self.outcome:
             raise RuntimeError("no episode runs; call reset() first")
         self._drive(v, w)
-        self.batch.judge(self._only)
+        self.batch.judge(self.index, 1)
         return self.transition()
 
     def _drive(self, v: float, w: float) -> None:
         self._command[0] = v, w
-        self.batch.drive(self._command, self._only)
-
-    def _observe(self) -> None:
-        self.batch.observe(self._only)
+        self.batch.drive(self._command, self.index)
 
     def transition(self) -> Transition:
         """The control step that has just been judged."""

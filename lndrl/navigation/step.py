@@ -2,6 +2,9 @@
 
 Nothing here allocates and nothing asks Python, which would cost more than the work itself: what a
 world is, believes and has earned are rows of arrays (``Robot``, ``People``, ``Belief``, ``Track``).
+
+Small parts are inlined (``inline="always"``) and each large kernel is called in one place: numba
+compiles and optimises whatever a function calls once more for that function.
 """
 
 from __future__ import annotations
@@ -9,7 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.experimental import structref
 from numpy.typing import NDArray
 
 from lndrl.localization.belief import Belief, Field, Settings
@@ -19,9 +23,10 @@ from lndrl.localization.update import update_belief
 from lndrl.navigation.observation import _quantise, goal_vector, pedestrians_in_view
 from lndrl.navigation.reward import judge
 from lndrl.navigation.track import ARRIVED, COLLIDED, LOST, RUNNING, TIMEOUT, Track
+from lndrl.world.laser import noisy_scan
 from lndrl.world.people import People
 from lndrl.world.robot import Robot, take_command
-from lndrl.world.world import scan_world, tick_world
+from lndrl.world.world import tick_inline
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +66,31 @@ class Views(NamedTuple):
     goal: NDArray[np.float32]
 
 
-@njit(cache=True, nogil=True)
+@structref.register
+class _MachineType(types.StructRef):
+    pass
+
+
+class Machine(structref.StructRefProxy):
+    """Everything that the worlds of one place are and share, under one handle.
+
+    ``robots``, ``people``, ``beliefs``, ``tracks``, ``views``: rows by world; ``setting``,
+    ``scratch``, ``shared`` (``Filter``), ``task``: shared. Taking a hundred arrays out of tuples
+    costs a call from Python more than a scan; a handle costs next to nothing.
+    """
+
+
+structref.define_proxy(
+    Machine,
+    _MachineType,
+    [
+        "robots", "people", "beliefs", "tracks", "views",
+        "setting", "scratch", "shared", "task",
+    ],
+)  # fmt: skip
+
+
+@njit(inline="always")
 def _robot(robots, i):
     return Robot(
         robots.pose[i], robots.odometry[i], robots.start[i], robots.goal[i], robots.command[i],
@@ -70,7 +99,7 @@ def _robot(robots, i):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _people(people, i):
     return People(
         people.position[i], people.velocity[i], people.route[i], people.route_length[i],
@@ -79,7 +108,7 @@ def _people(people, i):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _belief(beliefs, i):
     return Belief(
         beliefs.particles[i], beliefs.weights[i], beliefs.averages[i], beliefs.odometry[i],
@@ -88,7 +117,7 @@ def _belief(beliefs, i):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(inline="always")
 def _track(tracks, i):
     return Track(
         tracks.scan[i], tracks.before[i], tracks.variance[i], tracks.reward[i], tracks.parts[i],
@@ -97,118 +126,120 @@ def _track(tracks, i):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
-def _localize(robot, belief, shared):
-    """Tell the filter odometry and ``shared.ranges``."""
-    if shared.perfect:
-        belief.pose[:] = robot.pose
-        return
-    update_belief(
-        robot.odometry, shared.ranges, shared.bearings, belief, shared.scratch, shared.bins,
-        shared.limits, shared.field, shared.settings,
-    )  # fmt: skip
-
-
-@njit(cache=True, nogil=True)
-def sense(robot, people, belief, track, setting, scratch, shared):
-    """A full scan, and its share for the localization."""
-    scan_world(robot, people, setting, scratch, 1, track.scan)
-    for k in range(len(shared.ranges)):
-        shared.ranges[k] = track.scan[k * shared.stride]
-    _localize(robot, belief, shared)
-    for k in range(3):
-        track.variance[k] = belief.covariance[k, k]
-
-
-@njit(cache=True, nogil=True)
-def _drive(robot, people, belief, track, v, w, setting, scratch, shared, ticks):
-    """Run the ticks of one control step; a collision ends it."""
+@njit(inline="always")
+def _begin(robot, belief, track, v, w, deviation):
     for k in range(3):
         track.before[0, k] = robot.pose[k]
         track.before[1, k] = belief.pose[k]
-    take_command(robot, v, w, setting.odometry_deviation)
-    for tick in range(ticks):
-        x = robot.pose[0]
-        y = robot.pose[1]
-        tick_world(robot, people, setting, scratch)
-        track.distance[0] += np.hypot(robot.pose[0] - x, robot.pose[1] - y)
-        if robot.contact[0] != 0 or tick == ticks - 1:
-            sense(robot, people, belief, track, setting, scratch, shared)
-            break
-        if not shared.perfect:
-            # The policy never sees these scans: only the beams that the filter uses are cast.
-            scan_world(robot, people, setting, scratch, shared.stride, shared.ranges)
-            _localize(robot, belief, shared)
+    take_command(robot, v, w, deviation)
 
 
 @njit(cache=True, nogil=True)
-def drive_worlds(robots, people, beliefs, tracks, commands, setting, scratch, shared, ticks):
-    """One control step of W worlds with ``commands`` (W, 2): v (m/s), w (rad/s)."""
-    for i in range(len(commands)):
-        _drive(
-            _robot(robots, i), _people(people, i), _belief(beliefs, i), _track(tracks, i),
-            commands[i, 0], commands[i, 1], setting, scratch, shared, ticks,
-        )  # fmt: skip
+def drive_worlds(machine, first, commands, ticks):
+    """``ticks`` ticks of the worlds from ``first`` on, with ``commands`` (W, 2): m/s, rad/s.
 
-
-@njit(cache=True, nogil=True)
-def observe_worlds(robots, people, beliefs, tracks, views, task):
-    """Write what W worlds show to their rows of ``views``."""
-    for i in range(len(robots.pose)):
-        count = people.count[i, 0]
-        _quantise(tracks.scan[i], task.scan_scale, views.scan[i])
-        goal_vector(
-            beliefs.pose[i], tracks.variance[i], robots.goal[i], robots.start[i, 2],
-            task.variance_limit, views.goal[i],
-        )  # fmt: skip
-        views.pedestrian_count[i] = pedestrians_in_view(
-            robots.pose[i], people.position[i, :count], people.velocity[i, :count],
-            task.map_extent, views.pedestrians[i],
-        )  # fmt: skip
-
-
-@njit(cache=True, nogil=True)
-def _conclude(robot, belief, track, task):
-    """Pay the step and see whether it ends the episode: collided, lost, arrived or timeout."""
-    collided = robot.contact[0] != 0
-    track.reward[0], lost, arrived = judge(
-        track.before, robot.pose, belief.pose, track.variance, robot.goal, collided,
-        task.limits, task.weights, track.parts, track.sums,
+    After every tick the filter hears odometry and laser; a collision ends a world's drive. The
+    last scan is a full one. 0 ticks only sense, as an episode's start does.
+    """
+    setting, scratch, shared = machine.setting, machine.scratch, machine.shared
+    robots, crowds, beliefs, tracks = (
+        machine.robots, machine.people, machine.beliefs, machine.tracks
     )  # fmt: skip
-    track.steps[0] += 1
-    note_path(robot, belief, track)
-    if collided:
-        track.outcome[0] = COLLIDED
-    elif lost:
-        track.outcome[0] = LOST
-    elif arrived:
-        track.outcome[0] = ARRIVED
-    else:
-        track.outcome[0] = TIMEOUT if track.steps[0] >= task.steps_limit else RUNNING
+    for world in range(first, first + len(commands)):
+        robot, people = _robot(robots, world), _people(crowds, world)
+        belief, track = _belief(beliefs, world), _track(tracks, world)
+        if ticks > 0:
+            command = commands[world - first]
+            _begin(robot, belief, track, command[0], command[1], setting.odometry_deviation)
+        for tick in range(max(ticks, 1)):
+            if ticks > 0:
+                x, y = robot.pose[0], robot.pose[1]
+                tick_inline(robot, people, setting, scratch)
+                track.distance[0] += np.hypot(robot.pose[0] - x, robot.pose[1] - y)
+            last = tick >= ticks - 1 or robot.contact[0] != 0
+            if shared.perfect and not last:
+                continue
+            # The policy never sees the scans between: only the beams that the filter uses are cast.
+            stride = 1 if last else shared.stride
+            noisy_scan(
+                setting.rays, setting.fan, robot.pose, people.legs[: 2 * people.count[0]],
+                setting.leg_radius, stride, robot.laser_random, scratch.laser,
+                track.scan if last else shared.ranges,
+            )  # fmt: skip
+            if last:
+                for k in range(len(shared.ranges)):
+                    shared.ranges[k] = track.scan[k * shared.stride]
+            if shared.perfect:
+                for k in range(3):
+                    belief.pose[k] = robot.pose[k]
+            else:
+                update_belief(
+                    robot.odometry, shared.ranges, shared.bearings, belief, shared.scratch,
+                    shared.bins, shared.limits, shared.field, shared.settings,
+                )  # fmt: skip
+            if last:
+                break
+        for k in range(3):
+            track.variance[k] = belief.covariance[k, k]
 
 
-@njit(cache=True, nogil=True)
-def note_path(robot, belief, track):
-    """Write down where the robot is and where it believes to be after ``track.steps``."""
+@njit(inline="always")
+def _observe(machine, i):
+    """Write what world ``i`` shows to its row of the views."""
+    robots, people, views, task = machine.robots, machine.people, machine.views, machine.task
+    variance = machine.tracks.variance[i]
+    count = people.count[i, 0]
+    _quantise(machine.tracks.scan[i], task.scan_scale, views.scan[i])
+    goal_vector(
+        machine.beliefs.pose[i], variance, robots.goal[i], robots.start[i, 2],
+        task.variance_limit, views.goal[i],
+    )  # fmt: skip
+    views.pedestrian_count[i] = pedestrians_in_view(
+        robots.pose[i], people.position[i, :count], people.velocity[i, :count],
+        task.map_extent, views.pedestrians[i],
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def _note_path(machine, i):
+    """Write down where the robot is and where it believes to be after so many steps."""
+    step = machine.tracks.steps[i, 0]
     for k in range(2):
-        track.path[track.steps[0], k] = robot.pose[k]
-        track.path_estimated[track.steps[0], k] = belief.pose[k]
+        machine.tracks.path[i, step, k] = machine.robots.pose[i, k]
+        machine.tracks.path_estimated[i, step, k] = machine.beliefs.pose[i, k]
+
+
+@njit(inline="always")
+def _conclude(machine, i):
+    """Pay the step and see whether it ends the episode: collided, lost, arrived or timeout."""
+    robots, tracks, task = machine.robots, machine.tracks, machine.task
+    collided = robots.contact[i, 0] != 0
+    tracks.reward[i, 0], lost, arrived = judge(
+        tracks.before[i], robots.pose[i], machine.beliefs.pose[i], tracks.variance[i],
+        robots.goal[i], collided, task.limits, task.weights, tracks.parts[i], tracks.sums[i],
+    )  # fmt: skip
+    tracks.steps[i, 0] += 1
+    _note_path(machine, i)
+    if collided:
+        outcome = COLLIDED
+    elif lost:
+        outcome = LOST
+    elif arrived:
+        outcome = ARRIVED
+    else:
+        outcome = TIMEOUT if tracks.steps[i, 0] >= task.steps_limit else RUNNING
+    tracks.outcome[i, 0] = outcome
 
 
 @njit(cache=True, nogil=True)
-def judge_worlds(robots, people, beliefs, tracks, views, task):
-    """Observe, pay and judge the control step that W worlds have just driven."""
-    observe_worlds(robots, people, beliefs, tracks, views, task)
-    for i in range(len(robots.pose)):
-        _conclude(_robot(robots, i), _belief(beliefs, i), _track(tracks, i), task)
+def judge_worlds(machine, first, worlds, begun):
+    """Observe ``worlds`` worlds from ``first`` on, and pay and judge what they have just driven.
 
-
-@njit(cache=True, nogil=True)
-def start_track(robot, people, belief, track, setting, scratch, shared):
-    """Begin an episode's track with a first scan; world and filter have been reset."""
-    track.sums[:] = 0.0
-    track.distance[0] = 0.0
-    track.steps[0] = 0
-    track.outcome[0] = RUNNING
-    sense(robot, people, belief, track, setting, scratch, shared)
-    note_path(robot, belief, track)
+    Where ``begun`` is true they have only started: there is nothing to pay.
+    """
+    for i in range(first, first + worlds):
+        _observe(machine, i)
+        if begun:
+            _note_path(machine, i)
+        else:
+            _conclude(machine, i)

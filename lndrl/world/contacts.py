@@ -19,7 +19,7 @@ NOTHING, WALL, PEDESTRIAN = range(3)
 _SLACK = 3.0  # cells; outlines and cells differ by less
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def wall_gap(x, y, walls):
     """Metres from a point to the nearest of ``walls`` (S, 4) [x0, y0, x1, y1] (m); inf for none."""
     nearest2 = np.inf
@@ -38,7 +38,7 @@ def wall_gap(x, y, walls):
     return np.sqrt(nearest2)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def contact(pose, legs, walls, distance, inverse_resolution, robot_radius, leg_radius):
     """What the robot's disc at ``pose`` touches: NOTHING, WALL or PEDESTRIAN.
 

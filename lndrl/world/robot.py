@@ -50,7 +50,7 @@ def robot_of(robots: Robot, world: int) -> Robot:
     return Robot(*(array[world] for array in robots))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, _nrt=False)
 def take_command(robot, v, w, deviation):
     """Set the velocities of the coming ticks and draw how much the wheels slip in them."""
     robot.command[0] = v

@@ -45,8 +45,8 @@ class Scratch(NamedTuple):
     laser: ScanScratch
 
 
-@njit(cache=True, nogil=True)
-def tick_world(robot, people, setting, scratch):
+@njit(inline="always")
+def tick_inline(robot, people, setting, scratch):
     """One tick: people move, then the robot; ``robot.contact`` says what it touches then."""
     advance_people(
         people, robot.pose, robot.command, setting.surroundings, setting.crowd, scratch.crowd
@@ -65,33 +65,9 @@ def tick_world(robot, people, setting, scratch):
 
 
 @njit(cache=True, nogil=True)
-def scan_world(robot, people, setting, scratch, stride, out):
-    """Noisy ranges (m) of beams 0, stride, 2 * stride, ... into ``out`` (float32)."""
-    legs = people.legs[: 2 * people.count[0]]
-    noisy_scan(
-        setting.rays, setting.fan, robot.pose, legs, setting.leg_radius, stride,
-        robot.laser_random, scratch.laser, out,
-    )  # fmt: skip
-
-
-@njit(cache=True, nogil=True)
-def start_world(robot, people, routes, setting, state):
-    """Begin an episode at ``robot.start``: everything still but the people, who are drawn."""
-    robot.pose[:] = robot.start
-    robot.odometry[:] = 0.0
-    robot.command[:] = 0.0
-    robot.slip[:] = 1.0
-    robot.clock[0] = 0.0
-    robot.contact[0] = 0
-    around = setting.surroundings
-    place_people(
-        people, routes, around.distance, around.inverse_resolution, robot.start,
-        setting.crowd.max_speed, 8.0 * setting.crowd.step_length, state,
-    )  # fmt: skip
-    place_legs(
-        people.count[0], people.position, people.heading, people.travelled,
-        setting.crowd.step_length, setting.crowd.leg_offset, people.legs,
-    )  # fmt: skip
+def tick_world(robot, people, setting, scratch):
+    """``tick_inline`` for callers in Python."""
+    tick_inline(robot, people, setting, scratch)
 
 
 class WorldBatch:
@@ -198,10 +174,22 @@ class World:
         self.goal[:] = goal
         self.robot.laser_random[:] = states[Stream.LASER]
         self.robot.odometry_random[:] = states[Stream.ODOMETRY]
+        self.pose_true[:] = self.start_pose
+        self.pose_odometry[:] = 0.0
+        self.command[:] = 0.0
+        self.robot.slip[:] = 1.0
+        self.robot.clock[:] = 0.0
+        self.robot.contact[:] = 0
         batch = self.batch
-        start_world(
-            self.robot, self.people, batch.routes, batch.setting, states[Stream.PEDESTRIANS]
-        )
+        people, crowd, around = self.people, batch.setting.crowd, batch.setting.surroundings
+        place_people(
+            people, batch.routes, around.distance, around.inverse_resolution, self.start_pose,
+            crowd.max_speed, 8.0 * crowd.step_length, states[Stream.PEDESTRIANS],
+        )  # fmt: skip
+        place_legs(
+            people.count[0], people.position, people.heading, people.travelled,
+            crowd.step_length, crowd.leg_offset, people.legs,
+        )  # fmt: skip
 
     def begin_step(self, v: float, w: float) -> None:
         """Set the command of the coming ticks (m/s, rad/s); draws the odometer's slip."""
@@ -221,5 +209,9 @@ class World:
     def scan_sparse(self, stride: int) -> NDArray[np.float32]:
         """Ranges of beams 0, stride, 2 * stride, ... with noise (m), a new array."""
         out = np.empty(-(-self.config.laser.beams // stride), dtype=np.float32)
-        scan_world(self.robot, self.people, self.batch.setting, self.batch.scratch, stride, out)
+        setting = self.batch.setting
+        noisy_scan(
+            setting.rays, setting.fan, self.robot.pose, self.leg_position, setting.leg_radius,
+            stride, self.robot.laser_random, self.batch.scratch.laser, out,
+        )  # fmt: skip
         return out
