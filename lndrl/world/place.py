@@ -12,6 +12,7 @@ from scipy.ndimage import label
 
 from lndrl.config import WorldConfig
 from lndrl.errors import UserError
+from lndrl.maps.edges import RayMap, ray_map
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
 from lndrl.maps.raycast import clearance, sample_field
 from lndrl.randomness import State, stream_state, uniform
@@ -30,7 +31,7 @@ class Place:
     """A validated scenario with its grid, distance field and wall outlines.
 
     ``distance`` float32 ``(h, w)`` (m, centre to centre), ``cells`` the same in whole cells
-    (uint8, what the laser marches on); ``walls`` ``(S, 4)`` segments
+    (uint8), ``rays`` what the laser's kernels need; ``walls`` ``(S, 4)`` segments
     [x0, y0, x1, y1] (m), circles as 24-gons; ``regions`` int32 ``(h, w)`` numbers the connected
     areas that the robot's centre can move in, 0 where it does not fit.
     """
@@ -39,6 +40,7 @@ class Place:
     grid: OccupancyGrid
     distance: NDArray[np.float32]
     cells: NDArray[np.uint8]
+    rays: RayMap
     walls: NDArray[np.float64]
     regions: NDArray[np.int32]
     robot_radius: float
@@ -56,7 +58,9 @@ class Place:
         distance = distance_field(grid.occupied, grid.resolution)
         regions, _ = label(distance > radius + 0.5 * grid.resolution)
         cells = clearance(distance, grid.resolution)
-        place = cls(scenario, grid, distance, cells, wall_segments(scenario), regions, radius)
+        rays = ray_map(grid, cells)
+        walls = wall_segments(scenario)
+        place = cls(scenario, grid, distance, cells, rays, walls, regions, radius)
         place._check()
         return place
 

@@ -33,7 +33,7 @@ class World:
         self.place = place
         self.config = config
         self.crowd = Crowd(people.count[1], waypoints, config.crowd, config.tick)
-        self.laser = Laser(config.laser, place.cells, place.grid.resolution)
+        self.laser = Laser(config.laser, place.rays)
         self.pose_true = np.zeros(3)
         self.pose_odometry = np.zeros(3)
         self.start_pose = np.zeros(3)

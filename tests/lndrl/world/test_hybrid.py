@@ -54,7 +54,7 @@ def test_every_region_of_the_robot_is_one_to_three_metres_wide(place):
 
 def test_density_of_features_is_not_uniform(place):
     """Rays that look along the open part meet nothing; in the rich part nearly all do."""
-    laser = Laser(LaserConfig(), place.cells, place.grid.resolution)
+    laser = Laser(LaserConfig(), place.rays)
 
     def seen(x, y, yaw):
         ranges = laser.true_ranges(np.array([x, y, yaw]), np.zeros((0, 2)), 0.1)

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from lndrl.config import LaserConfig
 from lndrl.maps import OccupancyGrid, clearance, distance_field, raycast
+from lndrl.maps.edges import ray_map
 from lndrl.randomness import stream_state
-from lndrl.world.laser import Laser, add_noise, beam_bearings
+from lndrl.world.laser import Laser, add_noise, beam_bearings, make_fan
 
 RESOLUTION = 0.1
 NO_LEGS = np.zeros((0, 2))
@@ -16,8 +18,9 @@ def room(config=None):
     occupied[:, 0] = occupied[:, -1] = True
     occupied[120:130, 140:150] = True
     field = distance_field(occupied, RESOLUTION)
-    laser = Laser(config or LaserConfig(), clearance(field, RESOLUTION), RESOLUTION)
-    return laser, OccupancyGrid(occupied, RESOLUTION), field
+    grid = OccupancyGrid(occupied, RESOLUTION)
+    rays = ray_map(grid, clearance(field, RESOLUTION))
+    return Laser(config or LaserConfig(), rays), grid, field
 
 
 def circle_range(bearing, x, y, radius):
@@ -38,7 +41,7 @@ def test_bearings_start_at_minus_half_the_view_and_increase():
 def test_walls_are_those_of_the_plain_raycast():
     laser, grid, field = room()
     for yaw in (-3.0, 0.0, 0.5, 2.0):
-        pose = np.array([9.0, 8.0, yaw])
+        pose = np.array([9.013, 8.007, yaw])  # sees no corner dead on
         got = laser.true_ranges(pose, NO_LEGS, 0.1)
         assert got == pytest.approx(raycast(grid, field, pose, laser.bearings, 12.0), abs=1e-4)
 
@@ -87,32 +90,82 @@ def test_a_leg_around_the_laser_blinds_it():
     assert (laser.true_ranges(np.array([9.0, 8.0, 0.0]), legs, 0.1) == 0.0).all()
 
 
-def noisy(truth, n=200_000, **weights):
-    config = LaserConfig(**weights)
-    laser = Laser(config, np.ones((2, 2), np.uint8), 1.0)
+def noisy(truth, n=200_000, seed=11, **weights):
+    fan = make_fan(LaserConfig(**weights))
     ranges = np.full(n, truth, dtype=np.float32)
-    add_noise(ranges, config.range_max, laser._noise, stream_state(11))
-    return ranges
+    out = np.empty_like(ranges)
+    add_noise(ranges, fan, stream_state(seed), np.empty_like(ranges), out)
+    return out
 
 
-def test_beam_model_frequencies():
-    ranges = noisy(5.0, z_hit=0.7, z_max=0.1, z_rand=0.2)
-    n = len(ranges)
-    assert (ranges == 12.0).mean() == pytest.approx(0.1, abs=4 * np.sqrt(0.1 * 0.9 / n))
-    near = np.abs(ranges - 5.0) < 0.12
-    assert near.mean() == pytest.approx(0.7 + 0.2 * 0.24 / 12, abs=0.005)
-    spread = ranges[~near & (ranges < 12.0)]
-    counts, _ = np.histogram(spread, bins=10, range=(0.0, 12.0))
-    expected = np.full(10, 0.2 * n * 1.2 / 12)
-    expected[4] -= 0.2 * n * 0.24 / 12  # 4.88 .. 5.12, around the truth, was taken out
-    chi2 = ((counts - expected) ** 2 / expected).sum()
-    assert chi2 < 30  # 10 bins: 99.9 % below 29.6
+def categories(readings, truth, sigma=0.02):
+    """How many readings are the maximum, near the truth, and spread below or above it."""
+    at_maximum = readings == 12.0
+    near = np.abs(readings - truth) < 6 * sigma
+    below = ~near & (readings < truth)
+    above = ~near & (readings > truth) & ~at_maximum
+    return [int(part.sum()) for part in (at_maximum, near, below, above)]
 
 
-def test_beam_model_deviation_and_mean():
-    ranges = noisy(5.0, z_hit=1.0, z_max=0.0, z_rand=0.0, sigma_hit=0.02)
-    assert ranges.mean() == pytest.approx(5.0, abs=3e-4)
-    assert ranges.std() == pytest.approx(0.02, rel=0.01)
+@pytest.mark.parametrize(
+    ("z_hit", "z_short", "z_max", "z_rand"),
+    [
+        (0.98, 0.0, 0.01, 0.01),
+        (0.6, 0.15, 0.1, 0.15),
+        (0.0, 0.0, 0.4, 0.6),
+        (0.02, 0.49, 0.49, 0.0),
+    ],
+)
+def test_noise_categories_have_their_frequencies(z_hit, z_short, z_max, z_rand):
+    """Chi-square of 1,000,000 readings, refused at the 1 in 10,000 level."""
+    truth, margin = 5.0, 6 * 0.02
+    readings = noisy(truth, 1_000_000, z_hit=z_hit, z_short=z_short, z_max=z_max, z_rand=z_rand)
+    short_near = (np.exp(-(truth - margin)) - np.exp(-truth)) / (1 - np.exp(-truth))
+    shares = np.array(
+        [
+            z_max,
+            z_hit + z_rand * 2 * margin / 12 + z_short * short_near,
+            z_rand * (truth - margin) / 12 + z_short * (1 - short_near),
+            z_rand * (12 - truth - margin) / 12,
+        ]
+    )
+    counts = np.array(categories(readings, truth))
+    assert (counts[shares == 0.0] == 0).all()
+    expected = shares[shares > 0] * len(readings)
+    assert stats.chisquare(counts[shares > 0], expected).pvalue > 1e-4
+
+
+def test_other_readings_fall_on_all_beams_alike_and_independently():
+    """Gaps between them are geometric, though drawn as gaps; 720 beams, chi-square at 1e-4."""
+    fan = make_fan(LaserConfig(z_hit=0.9, z_max=0.1, z_rand=0.0))
+    state = stream_state(3)
+    ranges, normals = np.full(720, 5.0, np.float32), np.empty(720, np.float32)
+    hits = np.empty((4000, 720), dtype=bool)
+    out = np.empty(720, np.float32)
+    for row in hits:
+        add_noise(ranges, fan, state, normals, out)
+        row[:] = out == 12.0
+    assert stats.chisquare(hits.sum(axis=0)).pvalue > 1e-4
+    both = (hits[:, 1:] & hits[:, :-1]).mean()
+    assert both == pytest.approx(0.01, abs=5 * np.sqrt(0.01 / hits.size))
+    per_scan = hits.sum(axis=1)
+    assert per_scan.var() == pytest.approx(720 * 0.09, rel=5 * np.sqrt(2 / len(hits)))
+
+
+def test_uniform_readings_are_uniform():
+    readings = noisy(5.0, 400_000, z_hit=0.0, z_max=0.0, z_rand=1.0)
+    assert stats.kstest(readings.astype(float) / 12.0, "uniform").pvalue > 1e-4
+
+
+def test_beam_model_deviation_mean_and_shape():
+    n = 1_000_000
+    ranges = noisy(5.0, n, z_hit=1.0, z_max=0.0, z_rand=0.0, sigma_hit=0.02).astype(float)
+    errors = (ranges - 5.0) / 0.02
+    assert abs(errors.mean()) < 5 / np.sqrt(n)
+    assert abs((errors**2).mean() - 1) < 5 * np.sqrt(2 / n)
+    assert abs((errors**3).mean()) < 5 * np.sqrt(15 / n)
+    assert abs((errors**4).mean() - 3) < 5 * np.sqrt(96 / n)
+    assert abs(np.corrcoef(errors[:-1], errors[1:])[0, 1]) < 5 / np.sqrt(n)
 
 
 def test_no_echo_stays_at_the_maximum_and_readings_stay_in_range():
@@ -127,8 +180,9 @@ def test_short_readings_fall_off_exponentially_before_the_truth():
     ranges = noisy(2.0, z_hit=0.0, z_short=1.0, z_max=0.0, z_rand=0.0, lambda_short=1.5)
     assert ranges.max() <= 2.0
     whole = 1 - np.exp(-3.0)
-    mean = (1 / 1.5) - 2.0 * np.exp(-3.0) / whole
-    assert ranges.mean() == pytest.approx(mean, abs=0.01)
+    assert ranges.min() >= 0.0
+    share = (1 - np.exp(-1.5 * ranges.astype(float))) / whole
+    assert stats.kstest(share, "uniform").pvalue > 1e-4
 
 
 def test_same_state_same_bits():
