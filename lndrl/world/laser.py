@@ -89,7 +89,8 @@ def make_fan(config: LaserConfig) -> Fan:
 
 def make_scan_scratch(beams: int) -> ScanScratch:
     """Working memory for scans of up to ``beams`` beams."""
-    return ScanScratch(*np.zeros((2, beams), np.float32), make_face_scratch(beams))
+    ranges, normals = np.zeros((2, beams), np.float32)
+    return ScanScratch(ranges, normals, make_face_scratch(beams))
 
 
 class Laser:

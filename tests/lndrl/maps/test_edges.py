@@ -210,7 +210,7 @@ def test_wide_maps_are_cut_into_bands_without_a_trace() -> None:
         row, column = rng.integers(0, 880), rng.integers(0, 690)
         occupied[row : row + rng.integers(1, 200), column : column + rng.integers(1, 8)] = True
     rays = map_of(occupied, 0.1)
-    assert rays.index.shape[1] > 3
+    assert rays.starts.shape[1] > 3
     config = LaserConfig(field_of_view=2 * np.pi)
     for _ in range(30):
         pose = np.array([rng.uniform(0, 70), rng.uniform(0, 90), rng.uniform(-3, 3)])
