@@ -32,7 +32,7 @@ _COMMAND = (0.4, 0.15)  # m/s, rad/s
 _SHARED = "ir-sim and irsim-x share the module irsim"
 
 
-class _NotInstalled(Exception):
+class _NotInstalledError(Exception):
     pass
 
 
@@ -49,7 +49,7 @@ def measure_peers(seconds: float) -> dict[str, Any]:
         try:
             step = make(scene)
             step()
-        except _NotInstalled as error:
+        except _NotInstalledError as error:
             figures[name] = {"missing": str(error)}
         except Exception as error:
             figures[name] = {"failed": f"{type(error).__name__}: {error}"}
@@ -84,10 +84,8 @@ def _positions(scene: Scene, count: int) -> list[list[float]]:
 
 
 def _corners(scene: Scene) -> list[list[list[float]]]:
-    return [
-        [[float(x0), float(y0)], [float(x1), float(y0)], [float(x1), float(y1)], [float(x0), float(y1)]]
-        for x0, y0, x1, y1 in scene.boxes
-    ]  # fmt: skip
+    boxes: list[list[float]] = scene.boxes.tolist()
+    return [[[x0, y0], [x1, y0], [x1, y1], [x0, y1]] for x0, y0, x1, y1 in boxes]
 
 
 def _irsim_module(x: bool) -> Any:
@@ -96,18 +94,21 @@ def _irsim_module(x: bool) -> Any:
     try:
         module = importlib.import_module("irsim")
     except ImportError as error:
-        raise _NotInstalled(f"pip install {name}") from error
+        raise _NotInstalledError(f"pip install {name}") from error
     environment = importlib.import_module("irsim.env.env_base")
     if hasattr(environment, "CppSim") is not x:
-        raise _NotInstalled(
+        raise _NotInstalledError(
             f"{_SHARED}, and {other} is the one found; "
             f"pip install --no-deps --target DIR {name} and set PYTHONPATH=DIR"
         )
     return module
 
 
-def _irsim_scene(scene: Scene) -> dict[str, Any]:
-    """Its world file: rectangles as polygons; agents do not stop where they touch."""
+def _irsim_scene(scene: Scene, x: bool) -> dict[str, Any]:
+    """Its world file: rectangles as polygons; agents do not stop where they touch.
+
+    irsim-x steers groups of robots only, so there the pedestrians are robots without sensors.
+    """
     width, height = SIZE
     start, *people = _positions(scene, 1 + PEDESTRIANS)
     goals = [*people[1:], people[0]]
@@ -133,45 +134,42 @@ def _irsim_scene(scene: Scene) -> dict[str, Any]:
         {"shape": {"name": "polygon", "vertices": corners}, "state": [0, 0, 0]}
         for corners in _corners(scene)
     ]
-    return {
-        "world": {
-            "width": width,
-            "height": height,
-            "step_time": TICK,
-            "sample_time": TICK,
-            "collision_mode": "unobstructed",
+    robot = {
+        "kinematics": {"name": "diff"},
+        "shape": {"name": "circle", "radius": _ROBOT_RADIUS},
+        "state": [*start, 0.0],
+        "goal": [*people[0], 0.0],
+        "vel_max": [0.6, 0.9],
+        "sensors": [lidar],
+    }
+    crowd = {
+        "number": PEDESTRIANS,
+        "distribution": {"name": "manual"},
+        "kinematics": {"name": "omni"},
+        "shape": {"name": "circle", "radius": _PEDESTRIAN_RADIUS},
+        "state": [[*at, 0.0] for at in people],
+        "goal": [[*at, 0.0] for at in goals],
+        "vel_max": [_SPEED, _SPEED],
+        "group_behavior": {
+            "name": "orca",
+            "neighborDist": _HORIZON,
+            "maxNeighbors": 10,
+            "timeHorizon": _HORIZON,
+            "timeHorizonObst": _HORIZON,
+            "maxSpeed": _SPEED,
         },
-        "robot": [
-            {
-                "kinematics": {"name": "diff"},
-                "shape": {"name": "circle", "radius": _ROBOT_RADIUS},
-                "state": [*start, 0.0],
-                "goal": [*people[0], 0.0],
-                "vel_max": [0.6, 0.9],
-                "sensors": [lidar],
-            }
-        ],
-        "obstacle": [
-            {
-                "number": PEDESTRIANS,
-                "distribution": {"name": "manual"},
-                "kinematics": {"name": "omni"},
-                "shape": {"name": "circle", "radius": _PEDESTRIAN_RADIUS},
-                "state": [[*at, 0.0] for at in people],
-                "goal": [[*at, 0.0] for at in goals],
-                "vel_max": [_SPEED, _SPEED],
-                "group_behavior": {
-                    "name": "orca",
-                    "neighborDist": _HORIZON,
-                    "maxNeighbors": 10,
-                    "timeHorizon": _HORIZON,
-                    "timeHorizonObst": _HORIZON,
-                    "maxSpeed": _SPEED,
-                },
-            },
-            *boxes,
-            *walls,
-        ],
+    }
+    world = {
+        "width": width,
+        "height": height,
+        "step_time": TICK,
+        "sample_time": TICK,
+        "collision_mode": "unobstructed",
+    }
+    return {
+        "world": world,
+        "robot": [robot, crowd] if x else [robot],
+        "obstacle": [*boxes, *walls] if x else [crowd, *boxes, *walls],
     }
 
 
@@ -179,7 +177,7 @@ def _irsim(scene: Scene, x: bool) -> Case:
     module = _irsim_module(x)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.yaml"
-        path.write_text(yaml.safe_dump(_irsim_scene(scene)))
+        path.write_text(yaml.safe_dump(_irsim_scene(scene, x)))
         environment = module.make(
             str(path), display=False, disable_all_plot=True, log_level="ERROR"
         )
@@ -188,7 +186,8 @@ def _irsim(scene: Scene, x: bool) -> Case:
     def step() -> None:
         environment.step(command)
 
-    people = [each for each in environment.obstacle_list if not each.static]
+    movers = environment.robot_list[1:] if x else environment.obstacle_list
+    people = [each for each in movers if not each.static]
     before = [each.state[:2, 0].copy() for each in people]
     for _ in range(5):
         step()
@@ -207,7 +206,7 @@ def _navground(scene: Scene) -> Case:
         core = importlib.import_module("navground.core")
         sim = importlib.import_module("navground.sim")
     except ImportError as error:
-        raise _NotInstalled("pip install navground") from error
+        raise _NotInstalledError("pip install navground") from error
     sim.load_plugins()
     width, height = SIZE
     outlines = [*_corners(scene), [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]]]
