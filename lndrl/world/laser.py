@@ -201,6 +201,7 @@ def trace_legs(fan, pose, legs, radius, stride, out):
     radius2 = radius * radius
     per_radian = 1.0 / (fan.increment * stride)
     whole = 2.0 * np.pi * per_radian
+    per_turn = 1.0 / whole
     margin = 1e-2 + 2e-6 * per_radian
     for leg in range(len(legs)):
         dx = legs[leg, 0] - pose[0]
@@ -221,8 +222,8 @@ def trace_legs(fan, pose, legs, radius, stride, out):
         middle = (bearing - fan.first) * per_radian
         width = half * per_radian + margin
         # A leg behind the robot may touch both ends of the fan.
-        least = int(np.ceil((-width - middle) / whole))
-        most = int(np.floor((len(out) - 1 + width - middle) / whole))
+        least = int(np.ceil((-width - middle) * per_turn))
+        most = int(np.floor((len(out) - 1 + width - middle) * per_turn))
         for turns in range(least, most + 1):
             at = middle + turns * whole
             begin = max(0, int(np.ceil(at - width)))
