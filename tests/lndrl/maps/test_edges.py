@@ -94,7 +94,7 @@ HEADINGS = st.one_of(
 VIEWS = st.sampled_from([np.pi, 2 * np.pi, 1.5 * np.pi, 0.3])
 
 
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(GRIDS, PLACES, PLACES, PLACES, PLACES, HEADINGS, VIEWS, st.sampled_from([3, 16, 61]))
 def test_faces_equal_the_cell_walk(shape, px, py, fx, fy, yaw, view, beams) -> None:
     rows, columns, density, seed = shape
