@@ -12,7 +12,7 @@ of tuples and turns indices that may be negative into gathers, and both cost mor
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -36,7 +36,7 @@ class RayMap(NamedTuple):
     whole cells: ``position`` across, ``low`` and ``high`` end along. Facing 0 is seen by beams
     towards +x (so position is x and the ends are y), 1 towards -x, 2 towards +y, 3 towards -y.
     Faces are sorted by facing, band (``band`` cells along) and position;
-    ``index[facing, band, p]`` (int32) is the first one whose position is at least p.
+    ``starts[facing, band, p]`` (int32) is the first one whose position is at least p.
     ``resolution`` m; ``origin_x``, ``origin_y`` m.
     """
 
@@ -44,7 +44,7 @@ class RayMap(NamedTuple):
     position: Floats32
     low: Floats32
     high: Floats32
-    index: Integers32
+    starts: Integers32
     band: float
     resolution: float
     inverse_resolution: float
@@ -72,11 +72,14 @@ class FaceScratch(NamedTuple):
 
 def make_face_scratch(beams: int) -> FaceScratch:
     """Working memory for fans of up to ``beams`` beams."""
-    return FaceScratch(
-        *np.zeros((2, beams), np.float32),
-        *np.zeros((3, _CHUNK), np.float32),
-        *np.zeros((3, _CHUNK), np.int32),
-    )
+    inverse = np.zeros((2, beams), np.float32)
+    ends = np.zeros((3, _CHUNK), np.float32)
+    spans = np.zeros((3, _CHUNK), np.int32)
+    return FaceScratch(inverse[0], inverse[1], *_rows(ends), *_rows(spans))
+
+
+def _rows(array: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    return array[0], array[1], array[2]
 
 
 def ray_map(grid: OccupancyGrid, cells: NDArray[np.uint8]) -> RayMap:
@@ -85,19 +88,22 @@ def ray_map(grid: OccupancyGrid, cells: NDArray[np.uint8]) -> RayMap:
     longer = max(grid.shape)
     bands = -(-longer // band)
     faces: list[NDArray[np.int64]] = []
-    index = np.zeros((_FACINGS, bands, longer + 2), np.int32)
+    starts = np.zeros((_FACINGS, bands, longer + 2), np.int32)
     count = 0
     for facing in range(_FACINGS):
         found = _faces(grid.occupied, facing, band)
         for number in range(bands):
             here = found[:, found[1] // band == number]
-            index[facing, number] = count + np.searchsorted(here[0], np.arange(longer + 2))
+            starts[facing, number] = count + np.searchsorted(here[0], np.arange(longer + 2))
             count += here.shape[1]
             faces.append(here)
+    position, low, high = _rows(np.concatenate(faces, axis=1).astype(np.float32))
     return RayMap(
-        cells,
-        *np.concatenate(faces, axis=1).astype(np.float32),
-        index=index,
+        cells=cells,
+        position=position,
+        low=low,
+        high=high,
+        starts=starts,
         band=float(band),
         resolution=grid.resolution,
         inverse_resolution=1.0 / grid.resolution,
@@ -155,13 +161,13 @@ def arctangent(y, x):
 @njit(cache=True, nogil=True, error_model="numpy")
 def faces_in_reach(ray_map, x, y, reach):
     """How many faces ``scan_faces`` looks at from the point (cells)."""
-    index = ray_map.index
+    starts = ray_map.starts
     count = 0
     for facing in range(_FACINGS):
         across, along = (x, y) if facing < 2 else (y, x)
-        low, high, first, last = _reach(index, ray_map.band, facing, across, along, reach)
+        low, high, first, last = _reach(starts, ray_map.band, facing, across, along, reach)
         for band in range(first, last + 1):
-            count += index[facing, band, high + 1] - index[facing, band, low]
+            count += starts[facing, band, high + 1] - starts[facing, band, low]
     return count
 
 
@@ -173,7 +179,7 @@ def scan_faces(ray_map, x, y, yaw, fan, stride, scratch, ranges):
     the fan (``lndrl.world.laser.Fan``) and starts at ``range_max``.
     """
     _draw_faces(
-        ray_map.position, ray_map.low, ray_map.high, ray_map.index, ray_map.band,
+        ray_map.position, ray_map.low, ray_map.high, ray_map.starts, ray_map.band,
         ray_map.resolution, x, y, yaw, fan.cosines, fan.sines, fan.first, fan.increment * stride,
         fan.range_max * ray_map.inverse_resolution, np.uint64(stride), scratch.inverse_x,
         scratch.inverse_y, scratch.depth, scratch.right, scratch.left, scratch.first,
@@ -183,7 +189,7 @@ def scan_faces(ray_map, x, y, yaw, fan, stride, scratch, ranges):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _draw_faces(
-    position, low, high, index, band_cells, resolution, x, y, yaw, cosines, sines, first_bearing,
+    position, low, high, starts, band_cells, resolution, x, y, yaw, cosines, sines, first_bearing,
     increment, reach, stride, inverse_x, inverse_y, depth, right, left, first, last, doubt, ranges,
 ):  # fmt: skip
     beams = len(ranges)
@@ -204,12 +210,12 @@ def _draw_faces(
         # the fan, more than one where the fan ends behind the robot.
         least = int(np.ceil((-0.25 * whole - 1.0 - middle) / whole))
         most = int(np.floor((beams + 0.25 * whole - middle) / whole))
-        near, far, first_band, last_band = _reach(index, band_cells, facing, across, along, reach)
+        near, far, first_band, last_band = _reach(starts, band_cells, facing, across, along, reach)
         for band in range(first_band, last_band + 1):
-            start = np.int64(index[facing, band, near])
-            end = np.int64(index[facing, band, far + 1])
+            start = np.int64(starts[facing, band, near])
+            end = np.int64(starts[facing, band, far + 1])
             while start < end:
-                count = np.uint64(min(end - start, _CHUNK))
+                count = np.uint64(end - start if end - start < _CHUNK else _CHUNK)
                 begin = np.uint64(start)
                 _collect(
                     position, low, high, begin, count, across, along, sign, lateral, depth,
@@ -232,9 +238,9 @@ def _draw_faces(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _reach(index, band_cells, facing, across, along, reach):
+def _reach(starts, band_cells, facing, across, along, reach):
     """Positions near..far and bands first..last of one facing's faces within ``reach``."""
-    last = index.shape[2] - 2
+    last = starts.shape[2] - 2
     if facing % 2 == 0:
         near = int(across) + 1
         far = min(last, int(across + reach))
@@ -242,7 +248,7 @@ def _reach(index, band_cells, facing, across, along, reach):
         near = max(0, int(np.ceil(across - reach)))
         far = int(across)
     first_band = max(0, int((along - reach) / band_cells))
-    last_band = min(index.shape[1] - 1, int((along + reach) / band_cells))
+    last_band = min(starts.shape[1] - 1, int((along + reach) / band_cells))
     return near, max(near - 1, far), first_band, last_band
 
 

@@ -89,7 +89,8 @@ def make_fan(config: LaserConfig) -> Fan:
 
 def make_scan_scratch(beams: int) -> ScanScratch:
     """Working memory for scans of up to ``beams`` beams."""
-    return ScanScratch(*np.zeros((2, beams), np.float32), make_face_scratch(beams))
+    ranges, normals = np.zeros((2, beams), np.float32)
+    return ScanScratch(ranges, normals, make_face_scratch(beams))
 
 
 class Laser:
@@ -124,7 +125,7 @@ def beams_of(config: LaserConfig, stride: int) -> int:
     return (config.beams + stride - 1) // stride
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def noisy_scan(ray_map, fan, pose, legs, leg_radius, stride, state, scratch, out):
     """Fill ``out`` (m, float32, ``(n,)``) with readings of beams 0, stride, ..., n beams in all.
 
@@ -136,7 +137,7 @@ def noisy_scan(ray_map, fan, pose, legs, leg_radius, stride, state, scratch, out
     add_noise(ranges, fan, state, scratch.normals, out)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def trace(ray_map, fan, pose, legs, leg_radius, stride, scratch, out):
     """Fill ``out`` with true ranges; arguments as for ``noisy_scan``.
 
@@ -147,7 +148,7 @@ def trace(ray_map, fan, pose, legs, leg_radius, stride, scratch, out):
     trace_legs(fan, pose, legs, leg_radius, stride, out)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def trace_walls(ray_map, fan, pose, stride, scratch, out):
     """Ranges to walls, by the cheaper of two ways; both give the same ranges to 1e-4 m."""
     x = (pose[0] - ray_map.origin_x) * ray_map.inverse_resolution
@@ -170,7 +171,7 @@ def trace_walls(ray_map, fan, pose, stride, scratch, out):
         scan_rays(ray_map, fan, pose, stride, out)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def scan_rays(ray_map, fan, pose, stride, out):
     """Ranges to walls, ray by ray; from outside of the grid ``range_max``."""
     c = np.cos(pose[2])
@@ -191,7 +192,7 @@ def scan_rays(ray_map, fan, pose, stride, out):
         )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def trace_legs(fan, pose, legs, radius, stride, out):
     """Shorten the ranges of those beams that meet a leg; exact ray-circle intersection."""
     c = np.cos(pose[2])
@@ -200,6 +201,7 @@ def trace_legs(fan, pose, legs, radius, stride, out):
     radius2 = radius * radius
     per_radian = 1.0 / (fan.increment * stride)
     whole = 2.0 * np.pi * per_radian
+    per_turn = 1.0 / whole
     margin = 1e-2 + 2e-6 * per_radian
     for leg in range(len(legs)):
         dx = legs[leg, 0] - pose[0]
@@ -220,8 +222,8 @@ def trace_legs(fan, pose, legs, radius, stride, out):
         middle = (bearing - fan.first) * per_radian
         width = half * per_radian + margin
         # A leg behind the robot may touch both ends of the fan.
-        least = int(np.ceil((-width - middle) / whole))
-        most = int(np.floor((len(out) - 1 + width - middle) / whole))
+        least = int(np.ceil((-width - middle) * per_turn))
+        most = int(np.floor((len(out) - 1 + width - middle) * per_turn))
         for turns in range(least, most + 1):
             at = middle + turns * whole
             begin = max(0, int(np.ceil(at - width)))
@@ -230,7 +232,7 @@ def trace_legs(fan, pose, legs, radius, stride, out):
                 _shorten(fan.cosines, fan.sines, x, y, radius2, stride, begin, end, out)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _shorten(cosines, sines, x, y, radius2, stride, begin, end, out):
     """Beams begin..end against one disc; indices without a sign, so that the loop vectorises."""
     first = np.uint64(begin)
@@ -247,7 +249,7 @@ def _shorten(cosines, sines, x, y, radius2, stride, begin, end, out):
         out[k] = at if nearer else out[k]
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_noise(ranges, fan, state, normals, out):
     """Readings ``out`` of true ``ranges`` (m, float32, ``(n,)``; not the same array).
 
@@ -281,7 +283,7 @@ def add_noise(ranges, fan, state, normals, out):
         i += 1 + _gap(fan.gap_scale, state)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gap(scale, state):
     """True readings before the next other one: geometric, by inversion; 0 for a scale of 0."""
     return np.int64(min(np.log(1.0 - uniform(state)) * scale, 1e15))

@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 from numba import njit
 from scipy import stats
 
-from lndrl.randomness import Stream, fill_normals, next_uint64, normal, stream_state, uniform
+from lndrl.randomness import (
+    Stream,
+    fill_normals,
+    fill_normals32,
+    next_uint64,
+    normal,
+    stream_state,
+    uniform,
+)
 
 MASK = (1 << 64) - 1
 SAMPLES = 4_000_000
@@ -183,3 +191,45 @@ def test_filled_normals_are_the_draws_of_normal() -> None:
     fill_normals(filled, out)
     np.testing.assert_array_equal(out, expected)
     np.testing.assert_array_equal(filled, one_by_one)
+
+
+def twin_normals32(state: list[int], count: int) -> np.ndarray:
+    """Box and Muller's pairs from splitmix64 words, in float64."""
+    key = twin_next(state)
+    first, second = [], []
+    for i in range(count // 2):
+        word = (key + i * 0x9E3779B97F4A7C15) & MASK
+        word = ((word ^ (word >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+        word = ((word ^ (word >> 27)) * 0x94D049BB133111EB) & MASK
+        word ^= word >> 31
+        radius = math.sqrt(-2.0 * math.log(((word >> 33) + 0.5) * 2.0**-31))
+        around = (word << 2) & 0xFFFFFFFF
+        around -= (around >> 31) << 32
+        angle = ((word >> 30) & 3) * math.pi / 2 + around * math.pi / 4 / 2.0**31
+        first.append(radius * math.cos(angle))
+        second.append(radius * math.sin(angle))
+    return np.array(first + second)
+
+
+@given(WORDS)
+def test_filled_normals32_are_box_and_mullers(words: list[int]) -> None:
+    state, out = np.array(words, dtype=np.uint64), np.empty(40, np.float32)
+    fill_normals32(state, out)
+    assert out == pytest.approx(twin_normals32(list(words), 40), abs=2e-5, rel=1e-5)
+
+
+@pytest.mark.parametrize("size", [2, 719, 720])
+def test_filled_normals32_are_standard_normal(size: int) -> None:
+    state, rows = stream_state(14, size), np.empty((FEWER // size, size), np.float32)
+    for row in rows:
+        fill_normals32(state, row)
+    drawn = rows.astype(np.float64).ravel()
+    error = 1 / math.sqrt(drawn.size)
+    assert abs(drawn.mean()) < 5 * error
+    assert abs((drawn**2).mean() - 1) < 5 * math.sqrt(2) * error
+    assert abs((drawn**4).mean() - 3) < 5 * math.sqrt(96) * error
+    assert stats.kstest(drawn, "norm").pvalue > 1e-3
+    half = size // 2  # a pair shares its radius, neighbours share nothing
+    pairs = rows[:, :half] * rows[:, half : 2 * half]
+    assert abs(pairs.mean()) < 5 * error * math.sqrt(2)
+    assert abs(np.corrcoef(drawn[:-1], drawn[1:])[0, 1]) < 5 * error
