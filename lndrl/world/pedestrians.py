@@ -190,6 +190,23 @@ def _aim(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _keep_right(i, position, agents, reach, slope, aim):
+    """Turn the aim of ``i`` to the right by atan(slope) while somebody within ``reach`` is ahead.
+
+    Two who meet head-on push each other straight back and never pass otherwise.
+    """
+    x, y = position[i, 0], position[i, 1]
+    ax, ay = aim[i, 0], aim[i, 1]
+    for other in range(agents):
+        dx, dy = position[other, 0] - x, position[other, 1] - y
+        if dx * dx + dy * dy < reach * reach and dx * ax + dy * ay > 0.0:
+            scale = 1.0 / np.sqrt(1.0 + slope * slope)
+            aim[i, 0] = scale * (ax + slope * ay)
+            aim[i, 1] = scale * (ay - slope * ax)
+            return
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def _sfm_velocity(i, position, velocity, force, aim, distance, inverse_resolution, p):
     """New velocity by repulsion ``force``, ``aim`` (a unit vector or none) and walls."""
     fx = p.social * force[i, 0] + p.desired * aim[i, 0]
@@ -347,6 +364,8 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
                 i, position, velocity, force, aim, distance, inverse_resolution, p
             )
         else:
+            if p.veer > 0.0:
+                _keep_right(i, position, agents, 2.0 * p.orca_radius, p.veer, aim)
             x, y = position[i, 0], position[i, 1]
             tile = tile_of(x, y, walls.rows, walls.columns, walls.left, walls.bottom)
             firm = 0
