@@ -121,9 +121,7 @@ def python_microseconds(crowd: Crowd, surroundings: Surroundings, seconds: float
 
     def ticks() -> None:
         for _ in range(_BATCH):
-            crowd.advance(
-                _ASIDE, command, surroundings.distance, surroundings.inverse_resolution
-            )
+            crowd.advance(_ASIDE, command, surroundings.distance, surroundings.inverse_resolution)
 
     ticks()
     return _median(ticks, seconds)

@@ -40,9 +40,7 @@ def obstacle_distance(grid: OccupancyGrid, config: LocalizationConfig) -> NDArra
     return result
 
 
-def beam_factor(
-    distance: NDArray[np.float64], config: LocalizationConfig
-) -> NDArray[np.float64]:
+def beam_factor(distance: NDArray[np.float64], config: LocalizationConfig) -> NDArray[np.float64]:
     """Table value of a beam that ends ``distance`` m from an obstacle; falls with distance.
 
     ``pz^3`` for the models that add beams, ``laser_likelihood_exponent * log pz`` for
