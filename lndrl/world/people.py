@@ -40,7 +40,7 @@ class People(NamedTuple):
     heading: Floats
     travelled: Floats
     legs: Floats
-    count: Integers
+    count: Integers  # type: ignore[assignment]  # hides tuple.count, which nobody needs
 
     def world(self, index: int) -> People:
         """Views of one world's rows."""

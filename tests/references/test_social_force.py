@@ -29,7 +29,7 @@ FAR = 1e3  # m: PySocialForce has no cut-off
 
 
 def theirs(position, velocity):
-    goals = position + [1.0, 0.0]
+    goals = position + np.array([1.0, 0.0])
     simulator = psf.Simulator(np.hstack([position, velocity, goals]))
     force = next(f for f in simulator.forces if type(f).__name__ == "SocialForce")
     settings = (

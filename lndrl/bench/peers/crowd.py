@@ -67,7 +67,7 @@ def measure_peers(seconds: float) -> dict[str, Any]:
 def _timed(step: Callable[[], Any], seconds: float) -> float:
     """Median microseconds of ``step`` over about ``seconds``."""
     step()
-    times = []
+    times: list[float] = []
     stop = perf_counter() + seconds
     while perf_counter() < stop or not times:
         started = perf_counter()
@@ -131,7 +131,9 @@ def _pyrvo() -> Turn:
 
 
 def _navground() -> Turn:
-    from navground import core, sim
+    # Its types know base classes only, not what is made by name.
+    core: Any = importlib.import_module("navground.core")
+    sim: Any = importlib.import_module("navground.sim")
 
     c = CrowdConfig()
     world = sim.World()
