@@ -58,8 +58,8 @@ def random_goals(people: int, goals: int, seed: int = 1) -> Floats:
 def open_field(solids: list[Floats]) -> NDArray[np.float32]:
     """Distance field of the scene with an outer wall and ``solids``."""
     columns, rows = (round(side / _RESOLUTION) for side in SIZE)
-    x = (np.arange(columns) + 0.5) * _RESOLUTION
-    y = (np.arange(rows) + 0.5) * _RESOLUTION
+    x = (np.arange(columns, dtype=np.float64) + 0.5) * _RESOLUTION
+    y = (np.arange(rows, dtype=np.float64) + 0.5) * _RESOLUTION
     occupied = np.ones((rows, columns), dtype=np.bool_)
     occupied[2:-2, 2:-2] = False
     for solid in solids:
@@ -130,7 +130,7 @@ def python_microseconds(crowd: Crowd, surroundings: Surroundings, seconds: float
 def _median(batch: Any, seconds: float) -> float:
     medians = []
     for _ in range(REPETITIONS):
-        times = []
+        times: list[float] = []
         stop = perf_counter() + seconds / REPETITIONS
         while perf_counter() < stop or not times:
             started = perf_counter()

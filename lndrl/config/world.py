@@ -43,6 +43,12 @@ class CrowdConfig(Model):
     orca_wall_radius: Positive = Field(
         0.2, description="m kept to walls, the body's; orca_radius would close gaps below 1 m"
     )
+    orca_veer: NonNegative = Field(
+        0.5,
+        le=1.5,
+        description="rad to the right of the way while somebody is ahead within two radii: two "
+        "who meet head-on pass instead of pushing each other; the GROUP's did not (0)",
+    )
     sfm_desired: NonNegative = Field(1.0, description="weight of the desired force (libpedsim)")
     sfm_social: NonNegative = Field(2.1, description="weight of the social force")
     sfm_obstacle: NonNegative = Field(1.0, description="weight of the obstacle force")

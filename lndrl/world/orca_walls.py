@@ -69,7 +69,7 @@ def build_walls(outlines: Sequence[NDArray[np.float64]], reach: float) -> Walls:
     middle = corner + 0.5 * _TILE + _TILE * np.column_stack([np.arange(columns), np.zeros(columns)])
     numbers, members = [], []
     for row in range(count):
-        near = _distances(edges, middle + [0.0, _TILE * row]) <= far
+        near = _distances(edges, middle + np.array([0.0, _TILE * row])) <= far
         numbers.append(near.sum(axis=1))
         members.append(np.nonzero(near)[1])
     starts = np.concatenate([[0], np.cumsum(np.concatenate(numbers))]).astype(np.int32)
@@ -108,8 +108,8 @@ def _distances(edges: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
 def near_edges(x, y, edges, members, begin, end, reach, nearest, distance2):
     """Edges within ``reach`` m that the point faces, nearest first, into ``nearest`` (int64).
 
-    Looks at ``members[begin:end]``, of two equally near the earlier comes first; ``distance2`` (float64) gets the squared distances; returns
-    how many. Both need room for ``walls.most``.
+    Looks at ``members[begin:end]``; of two equally near the earlier comes first. ``distance2``
+    (float64) gets the squared distances; returns how many. Both need room for ``walls.most``.
     """
     count = 0
     for k in range(begin, end):

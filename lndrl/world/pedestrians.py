@@ -152,29 +152,25 @@ def _choose_target(i, position, route, route_length, target, direction, shuttle,
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
-def _aim(
-    count,
-    position,
-    route,
-    route_length,
-    target,
-    direction,
-    shuttle,
-    model,
-    reach,
-    feels,
-    aim,
-):
+def _aim(count, people, reach, feels, aim):
     """Where everybody wants to go: preferred velocity (ORCA) or direction (SFM), into ``aim``.
 
     Returns whether anybody follows the social force model; ``feels`` says who.
     """
+    position, route, model = people.position, people.route, people.model
     social = False
     for i in range(count):
         arrived = _choose_target(
-            i, position, route, route_length, target, direction, shuttle, reach
+            i,
+            position,
+            route,
+            people.route_length,
+            people.target,
+            people.direction,
+            people.shuttle,
+            reach,
         )
-        here = target[i]
+        here = people.target[i]
         dx = route[i, here, 0] - position[i, 0]
         dy = route[i, here, 1] - position[i, 1]
         length = np.sqrt(dx * dx + dy * dy)
@@ -187,6 +183,23 @@ def _aim(
         aim[i, 0] = dx
         aim[i, 1] = dy
     return social
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _keep_right(i, position, agents, reach, slope, aim):
+    """Turn the aim of ``i`` to the right by atan(slope) while somebody within ``reach`` is ahead.
+
+    Two who meet head-on push each other straight back and never pass otherwise.
+    """
+    x, y = position[i, 0], position[i, 1]
+    ax, ay = aim[i, 0], aim[i, 1]
+    for other in range(agents):
+        dx, dy = position[other, 0] - x, position[other, 1] - y
+        if dx * dx + dy * dy < reach * reach and dx * ax + dy * ay > 0.0:
+            scale = 1.0 / np.sqrt(1.0 + slope * slope)
+            aim[i, 0] = scale * (ax + slope * ay)
+            aim[i, 1] = scale * (ay - slope * ax)
+            return
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -212,6 +225,53 @@ def _sfm_velocity(i, position, velocity, force, aim, distance, inverse_resolutio
         vx *= p.max_speed / speed
         vy *= p.max_speed / speed
     return vx, vy
+
+
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+def _orca_velocity(i, agents, people, walls, p, scratch):
+    """New velocity by ORCA towards ``scratch.aim``, among people and walls."""
+    position, velocity, aim = people.position, people.velocity, scratch.aim
+    if p.veer > 0.0:
+        _keep_right(i, position, agents, 2.0 * p.orca_radius, p.veer, aim)
+    x, y = position[i, 0], position[i, 1]
+    tile = tile_of(x, y, walls.rows, walls.columns, walls.left, walls.bottom)
+    firm = 0
+    if tile >= 0 and walls.starts[tile] < walls.starts[tile + 1]:
+        firm = wall_lines(
+            x,
+            y,
+            velocity[i, 0],
+            velocity[i, 1],
+            walls.edges,
+            walls.members,
+            walls.starts[tile],
+            walls.starts[tile + 1],
+            p.wall_radius,
+            p.horizon_obstacle,
+            p.max_speed,
+            scratch.nearest,
+            scratch.distance2,
+            scratch.lines,
+        )
+    return orca_velocity(
+        i,
+        position,
+        velocity,
+        agents,
+        aim[i, 0],
+        aim[i, 1],
+        firm,
+        p.neighbor_distance,
+        p.max_neighbors,
+        p.horizon,
+        p.orca_radius,
+        p.max_speed,
+        p.period,
+        scratch.nearest,
+        scratch.distance2,
+        scratch.lines,
+        scratch.projected,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
@@ -262,19 +322,10 @@ def place_legs(count, position, heading, travelled, step_length, leg_offset, leg
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
-def _move(
-    count,
-    position,
-    velocity,
-    new_velocity,
-    heading,
-    travelled,
-    legs,
-    distance,
-    inverse_resolution,
-    p,
-):
+def _move(count, people, new_velocity, distance, inverse_resolution, p):
     """Everybody walks a tick with ``new_velocity``, as far as walls let them; then the legs."""
+    position, velocity, heading = people.position, people.velocity, people.heading
+    travelled, legs = people.travelled, people.legs
     for i in range(count):
         velocity[i, 0] = new_velocity[i, 0]
         velocity[i, 1] = new_velocity[i, 1]
@@ -291,19 +342,15 @@ def _move(
         _put_legs(i, position, travelled, c, s, p.step_length, p.leg_offset, legs)
 
 
+# Without reference counts (``_nrt``): taking arrays out of tuples would cost more than the tick.
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
     """One tick of one world's crowd: ``People``, pose [x, y, yaw], command [v, w],
     ``Surroundings``, ``CrowdParameters``, ``Scratch``.
     """
-    # Arrays are taken out of their tuples once: every access counts a reference.
     position, velocity, new_velocity = people.position, people.velocity, scratch.velocity
     feels, aim, force = scratch.feels, scratch.aim, scratch.force
-    nearest, distance2 = scratch.nearest, scratch.distance2
-    lines, projected = scratch.lines, scratch.projected
     distance, inverse_resolution = surroundings.distance, surroundings.inverse_resolution
-    walls = surroundings.walls
-    edges, members, starts = walls.edges, walls.members, walls.starts
     count = people.count[0]
     agents = count
     silent = -1
@@ -315,19 +362,7 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
         position[count, 1] = robot_pose[1]
         velocity[count, 0] = robot_command[0] * np.cos(robot_pose[2])
         velocity[count, 1] = robot_command[0] * np.sin(robot_pose[2])
-    if _aim(
-        count,
-        position,
-        people.route,
-        people.route_length,
-        people.target,
-        people.direction,
-        people.shuttle,
-        people.model,
-        p.waypoint_radius,
-        feels,
-        aim,
-    ):
+    if _aim(count, people, p.waypoint_radius, feels, aim):
         social_forces(
             position,
             velocity,
@@ -347,59 +382,10 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
                 i, position, velocity, force, aim, distance, inverse_resolution, p
             )
         else:
-            x, y = position[i, 0], position[i, 1]
-            tile = tile_of(x, y, walls.rows, walls.columns, walls.left, walls.bottom)
-            firm = 0
-            if tile >= 0 and starts[tile] < starts[tile + 1]:
-                firm = wall_lines(
-                    x,
-                    y,
-                    velocity[i, 0],
-                    velocity[i, 1],
-                    edges,
-                    members,
-                    starts[tile],
-                    starts[tile + 1],
-                    p.wall_radius,
-                    p.horizon_obstacle,
-                    p.max_speed,
-                    nearest,
-                    distance2,
-                    lines,
-                )
-            vx, vy = orca_velocity(
-                i,
-                position,
-                velocity,
-                agents,
-                aim[i, 0],
-                aim[i, 1],
-                firm,
-                p.neighbor_distance,
-                p.max_neighbors,
-                p.horizon,
-                p.orca_radius,
-                p.max_speed,
-                p.period,
-                nearest,
-                distance2,
-                lines,
-                projected,
-            )
+            vx, vy = _orca_velocity(i, agents, people, surroundings.walls, p, scratch)
         new_velocity[i, 0] = vx
         new_velocity[i, 1] = vy
-    _move(
-        count,
-        position,
-        velocity,
-        new_velocity,
-        people.heading,
-        people.travelled,
-        people.legs,
-        distance,
-        inverse_resolution,
-        p,
-    )
+    _move(count, people, new_velocity, distance, inverse_resolution, p)
 
 
 @njit(cache=True, nogil=True)

@@ -40,7 +40,7 @@ class People(NamedTuple):
     heading: Floats
     travelled: Floats
     legs: Floats
-    count: Integers
+    count: Integers  # type: ignore[assignment]  # hides tuple.count, which nobody needs
 
     def world(self, index: int) -> People:
         """Views of one world's rows."""
@@ -136,6 +136,7 @@ class CrowdParameters(NamedTuple):
     leg_offset: float
     step_length: float
     see_robot: bool
+    veer: float
 
     @classmethod
     def of(cls, config: CrowdConfig, tick: float) -> CrowdParameters:
@@ -167,6 +168,7 @@ class CrowdParameters(NamedTuple):
             leg_offset=config.leg_offset,
             step_length=config.step_length,
             see_robot=config.see_robot,
+            veer=float(np.tan(config.orca_veer)),
         )
 
 

@@ -4,7 +4,8 @@ import pytest
 from lndrl.config import CrowdConfig
 from lndrl.maps import distance_field
 from lndrl.maps.raycast import sample_field
-from lndrl.world.pedestrians import GAIT, ORCA, SFM, Crowd
+from lndrl.world.pedestrians import GAIT, ORCA, SFM, Crowd, walls_for
+from lndrl.world.people import make_people
 
 RESOLUTION = 0.05
 FAR_ROBOT = np.array([9.0, 9.0, 0.0])
@@ -145,3 +146,79 @@ def test_legs_follow_the_walking_direction():
     assert abs(crowd.heading[0]) == pytest.approx(np.pi, abs=1e-6)
     left, right = crowd.legs[:2]
     assert left[1] - right[1] == pytest.approx(-0.2, abs=1e-6)  # walking -x: left is -y
+
+
+OUTER = np.array([(0.1, 0.1), (0.1, 9.9), (9.9, 9.9), (9.9, 0.1)])
+BAR = np.array([(2.0, 5.0), (8.0, 5.0), (8.0, 5.2), (2.0, 5.2)])
+
+
+def busy_crowd(seed, state=None, people=16, **settings):
+    """People of both models who walk to and fro through the room with the bar."""
+    rng = np.random.default_rng(seed)
+    config = CrowdConfig(**settings)
+    crowd = Crowd(people, 4, config, 0.1, walls_for([OUTER, BAR], config), state)
+    crowd.count = people
+    crowd.route[:] = rng.uniform(0.6, 9.4, (people, 4, 2))
+    for i in range(people):
+        inside = (np.abs(crowd.route[i, :, 1] - 5.1) < 0.5) & (crowd.route[i, :, 0] > 1.6)
+        crowd.route[i, inside, 1] += 1.2
+    crowd.route_length[:] = 4
+    crowd.position[:people] = crowd.route[:, 0]
+    crowd.target[:] = 1
+    crowd.direction[:] = 1
+    crowd.shuttle[:] = True
+    crowd.model[:] = np.arange(people) % 2
+    crowd.travelled[:] = rng.uniform(0, 2.4, people)
+    return crowd
+
+
+@pytest.mark.parametrize("walls", [True, False])
+def test_nobody_enters_walls_in_an_hour_of_pushing(walls):
+    crowd = busy_crowd(7, orca_walls=walls)
+    at = np.zeros((0, 2))
+    for _ in range(360):
+        advance(crowd, 100, np.array([5.0, 3.0, 0.0]))
+        at = np.vstack([at, crowd.position[:16]])
+    room = [sample_field(FIELD, 1.0 / RESOLUTION, *p) for p in at]
+    assert min(room) >= 0.2
+    assert np.median(crowd.travelled) > 300.0  # some routes lead through the bar, not all
+
+
+def test_orca_keeps_to_walls_by_itself_only_when_it_knows_them():
+    """``_walk`` stops feet at a wall; with walls ORCA turns before."""
+    slowed = []
+    for walls in (True, False):
+        config = CrowdConfig(orca_walls=walls, see_robot=False)
+        crowd = Crowd(1, 2, config, 0.1, walls_for([OUTER, BAR], config))
+        crowd.count = 1
+        crowd.route[0] = [(5.0, 3.0), (5.0, 8.0)]
+        crowd.route_length[0], crowd.target[0] = 2, 1
+        crowd.position[0] = 5.0, 4.2
+        advance(crowd, 8)
+        slowed.append(np.hypot(*crowd.velocity[0]) < 0.2)
+    assert slowed == [True, False]
+
+
+def test_one_seed_replays_one_crowd_bit_for_bit_in_its_own_or_given_arrays():
+    states = make_people(3, 16, 4)
+    crowds = [busy_crowd(3), busy_crowd(3, states.world(1)), busy_crowd(4)]
+    for crowd in crowds:
+        advance(crowd, 400)
+    same, given, other = (c.people for c in crowds)
+    for a, b in zip(same, given, strict=True):
+        assert a.tobytes() == b.tobytes()
+    assert same.position.tobytes() != other.position.tobytes()
+    assert states.position[1].tobytes() == same.position.tobytes()
+    assert not states.position[[0, 2]].any()
+
+
+def test_two_who_meet_head_on_pass():
+    """Exactly opposite ways: without keeping right, pushed straight back for ever."""
+    passed = []
+    for veer in (0.5, 0.0):
+        config = CrowdConfig(orca_veer=veer, see_robot=False)
+        ends = [(1.0, 2.0), (7.0, 2.0)]
+        crowd = crowd_of([ends, ends[::-1]], [ORCA, ORCA], config=config)
+        advance(crowd, 300)
+        passed.append(crowd.position[0, 0] > 6.5 and crowd.position[1, 0] < 1.5)
+    assert passed == [True, False]
