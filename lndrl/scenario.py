@@ -1,7 +1,8 @@
-"""A scenario: the geometry of a place, who walks there, and where the robot starts and goes.
+"""A scenario: a place, who walks there, and where the robot starts and goes.
 
-YAML under ``configs/scenarios/``. Metres, map frame, origin at the lower left corner; boxes are
-``[x_min, y_min, x_max, y_max]``.
+YAML under ``configs/scenarios/``. Metres, map frame; boxes are ``[x_min, y_min, x_max, y_max]``.
+Three kinds of place: ``geometry`` lists its obstacles (origin at the lower left corner), ``map``
+names a ROS map (the map's own frame), ``random`` stands for endless generated layouts.
 """
 
 from __future__ import annotations
@@ -10,10 +11,13 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from lndrl.models import Model, Probability
+from lndrl.models import Count, Model, NonNegative, Probability
 
 Box = tuple[float, float, float, float]
 Point = tuple[float, float]
+
+SMALLEST_RANDOM = 12.0  # m; below it no start and goal are far enough apart
+MOST_CELLS = 5e7
 
 
 class Obstacle(Model):
@@ -48,7 +52,7 @@ class Route(Model):
 
 
 class Pedestrians(Model):
-    """The crowd (parameters §4.5)."""
+    """The crowd (parameters §4.5). On maps and random layouts routes are found by themselves."""
 
     count: tuple[int, int] = Field((12, 16), description="fewest and most, drawn per episode")
     routes: list[Route] = Field(default_factory=list)
@@ -59,8 +63,6 @@ class Pedestrians(Model):
     def _order(self) -> Pedestrians:
         if not 0 <= self.count[0] <= self.count[1]:
             raise ValueError(f"count {list(self.count)} must be [fewest, most]")
-        if self.count[1] > 0 and not self.routes:
-            raise ValueError("routes must name at least one route when there are pedestrians")
         return self
 
 
@@ -73,18 +75,104 @@ class RobotTask(Model):
     both_ways: bool = Field(True, description="half of the episodes swap start and goal")
 
 
+class MapCells(Model):
+    """A map's cells inside the scenario: what ``map`` names, once it has been read.
+
+    So a run's configuration is complete: actors on other machines need no file, and a run can be
+    resumed when the map has moved.
+    """
+
+    rows: Count
+    columns: Count
+    origin: Point = Field(description="map frame position of the lower left corner (m)")
+    data: str = Field(description="base64 of deflated bytes: 0 free, 1 occupied, 2 unknown")
+
+
+class Mix(Model):
+    """How often each kind of ground occurs in random layouts, relative to the others."""
+
+    rooms: NonNegative = 1.0
+    corridors: NonNegative = 1.0
+    clutter: NonNegative = 1.0
+    open: NonNegative = 1.0
+
+    @model_validator(mode="after")
+    def _some(self) -> Mix:
+        if self.rooms + self.corridors + self.clutter + self.open <= 0:
+            raise ValueError("at least one of rooms, corridors, clutter, open must be above 0")
+        return self
+
+
+class RandomLayouts(Model):
+    """Which layouts a ``random`` scenario stands for."""
+
+    seed: int = Field(1, ge=0, description="another seed, other layouts")
+    layouts: Count = Field(1000, description="how many different ones worlds are spread over")
+    mix: Mix = Mix()
+
+
 class Scenario(Model):
-    """A place to navigate."""
+    """A place to navigate; ``kind`` decides which of the fields it may have."""
 
     name: str
     description: str = ""
-    kind: Literal["geometry"] = "geometry"
-    size: tuple[float, float] = Field(description="width and height (m)")
-    resolution: float = Field(0.05, gt=0, le=0.5, description="grid cell (m)")
+    kind: Literal["geometry", "map", "random"] = "geometry"
+    size: Point = Field((0.0, 0.0), description="width and height (m); a map has its own")
+    resolution: float = Field(0.05, gt=0, le=0.5, description="grid cell (m); a map has its own")
     wall: float = Field(0.1, ge=0, description="thickness of the outer walls (m), 0 for none")
     obstacles: list[Obstacle] = Field(default_factory=list)
-    pedestrians: Pedestrians
-    robot: list[RobotTask] = Field(min_length=1)
-    start_goal_distance: tuple[float, float] = Field(
-        (0.0, 1e9), description="least and most start-goal distance (m); pairs are redrawn"
+    map: str | None = Field(None, description="ROS map_server YAML, relative to this file")
+    cells: MapCells | None = Field(None, description="filled in when the map is read")
+    random: RandomLayouts | None = Field(None, description="of kind random; default: all defaults")
+    pedestrians: Pedestrians = Pedestrians()
+    robot: list[RobotTask] = Field(
+        default_factory=list, description="on maps and random layouts found, if none is given"
     )
+    start_goal_distance: tuple[float, float] | None = Field(
+        None,
+        description="least and most start-goal distance (m); pairs are redrawn. Default: any for "
+        "geometry, 11 to 13 for random layouts, and for maps as near to that as they offer",
+    )
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> Scenario:
+        getattr(self, f"_check_{self.kind}")()
+        if self.kind != "map" and (self.map is not None or self.cells is not None):
+            raise ValueError("map needs kind: map")
+        if self.kind != "random" and self.random is not None:
+            raise ValueError("random needs kind: random")
+        limits = self.start_goal_distance
+        if limits is not None and not 0 <= limits[0] <= limits[1]:
+            raise ValueError(f"start_goal_distance {list(limits)} must be [least, most]")
+        return self
+
+    def _check_geometry(self) -> None:
+        self._check_size()
+        if not self.robot:
+            raise ValueError("robot = []: must name at least one start and goal")
+        if self.pedestrians.count[1] > 0 and not self.pedestrians.routes:
+            raise ValueError("pedestrians.routes must name at least one route for the pedestrians")
+
+    def _check_map(self) -> None:
+        if self.map is None and self.cells is None:
+            raise ValueError("map is missing; name a ROS map_server YAML, e.g. map: office.yaml")
+        if self.obstacles:
+            raise ValueError("obstacles go with kind: geometry; draw them into the map")
+
+    def _check_random(self) -> None:
+        self._check_size()
+        if min(self.size) < SMALLEST_RANDOM:
+            raise ValueError(
+                f"size {list(self.size)}: random layouts need {SMALLEST_RANDOM:g} m or more"
+            )
+        if self.obstacles or self.robot or self.pedestrians.routes:
+            raise ValueError("obstacles, robot and pedestrians.routes are generated; leave them out")
+
+    def _check_size(self) -> None:
+        if min(self.size) <= 0:
+            raise ValueError(f"size {list(self.size)} must be [width, height] above 0 (m)")
+        if self.size[0] * self.size[1] / self.resolution**2 > MOST_CELLS:
+            raise ValueError(
+                f"size {list(self.size)} has more than {MOST_CELLS:.0e} cells of "
+                f"{self.resolution:g} m; choose a coarser resolution"
+            )

@@ -22,11 +22,19 @@ class OccupancyGrid:
 
     ``occupied`` is ``(height, width)``; cell (r, c) covers x in
     ``[ox + c * resolution, ox + (c + 1) * resolution)`` and y likewise with r (metres, map frame).
+    ``unknown`` are those of the occupied cells about which a map says nothing: nobody walks and
+    no laser looks there, but they are no obstacles to a localization.
     """
 
     occupied: Mask
     resolution: float
     origin: tuple[float, float] = (0.0, 0.0)
+    unknown: Mask | None = None
+
+    @property
+    def mapped(self) -> Mask:
+        """Occupied cells that the map knows to be occupied, ``(height, width)``."""
+        return self.occupied if self.unknown is None else self.occupied & ~self.unknown
 
     @property
     def free(self) -> Mask:

@@ -63,19 +63,19 @@ def draw_world(
     """
     width, height = snapshot.size
     left, right, bottom, top = view or (0.0, width, 0.0, height)
-    _draw_place(snapshot, axes)
-    _draw_laser(snapshot, axes)
+    draw_floor(snapshot, axes)
+    draw_laser(snapshot, axes)
     _draw_goal(snapshot, axes)
     _draw_paths(snapshot, axes)
-    _draw_people(snapshot, axes)
+    draw_people(snapshot, axes)
     # From afar ticks would only make the cloud look larger than it is.
     _draw_particles(snapshot, axes, tick=0.15 if right - left < 15.0 else 0.0)
     emphasis = max(1.0, 0.009 * (right - left) / snapshot.robot_radius)
-    _draw_robot(snapshot, axes, snapshot.robot_radius * emphasis)
+    draw_robot(snapshot, axes, snapshot.robot_radius * emphasis)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=view is not None, color=SLATE, linewidth=0.8)
-    _draw_scale(axes, (left, right, bottom, top))
+    draw_scale(axes, (left, right, bottom, top))
     if title:
         _draw_title(snapshot, axes)
 
@@ -102,7 +102,8 @@ def _beam_ends(snapshot: WorldSnapshot, ranges: NDArray[np.float64]) -> NDArray[
     return np.asarray(snapshot.pose_true[:2] + ranges[:, None] * unit, np.float64)
 
 
-def _draw_place(snapshot: WorldSnapshot, axes: Axes) -> None:
+def draw_floor(snapshot: WorldSnapshot, axes: Axes) -> None:
+    """Draw floor and walls."""
     rows, columns = snapshot.occupied.shape
     x, y = snapshot.origin
     extent = (x, x + columns * snapshot.resolution, y, y + rows * snapshot.resolution)
@@ -118,7 +119,8 @@ def _draw_place(snapshot: WorldSnapshot, axes: Axes) -> None:
     )
 
 
-def _draw_laser(snapshot: WorldSnapshot, axes: Axes) -> None:
+def draw_laser(snapshot: WorldSnapshot, axes: Axes) -> None:
+    """Draw the scan: a fan of what is seen and a dot for every echo."""
     if not len(snapshot.scan):
         return
     points = scan_points(snapshot)
@@ -163,7 +165,8 @@ def _draw_paths(snapshot: WorldSnapshot, axes: Axes) -> None:
     axes.scatter(x, y, s=26, facecolors=PAPER, edgecolors=TRUTH, linewidths=1.4, zorder=6)
 
 
-def _draw_people(snapshot: WorldSnapshot, axes: Axes) -> None:
+def draw_people(snapshot: WorldSnapshot, axes: Axes) -> None:
+    """Draw everybody with legs and an arrow to where they will be soon."""
     position = np.asarray(snapshot.pedestrian_position, np.float64)
     if not len(position):
         return
@@ -238,7 +241,8 @@ def _draw_particles(snapshot: WorldSnapshot, axes: Axes, tick: float) -> None:
     axes.scatter(start[:, 0], start[:, 1], s=3.2, color=BELIEF, alpha=alpha, linewidths=0, zorder=7)
 
 
-def _draw_robot(snapshot: WorldSnapshot, axes: Axes, radius: float) -> None:
+def draw_robot(snapshot: WorldSnapshot, axes: Axes, radius: float) -> None:
+    """Draw the robot with ``radius`` m, true and believed."""
     for pose, colour, solid in (
         (snapshot.pose_true, TRUTH, True),
         (snapshot.pose_estimated, BELIEF_DARK, False),
@@ -263,7 +267,7 @@ def _draw_robot(snapshot: WorldSnapshot, axes: Axes, radius: float) -> None:
         nose.set_path_effects(_HALO)
 
 
-def _draw_scale(axes: Axes, view: View) -> None:
+def draw_scale(axes: Axes, view: View) -> None:
     """A bar of a round length at the lower left corner."""
     left, right, bottom, top = view
     length = next(n for n in (50, 20, 10, 5, 2, 1) if n <= max(0.25 * (right - left), 1))

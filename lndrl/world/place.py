@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -12,15 +11,25 @@ from scipy.ndimage import label
 
 from lndrl.config import WorldConfig
 from lndrl.errors import UserError
+from lndrl.maps.embedded import unpack, with_map
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
+from lndrl.maps.outlines import Outline, geometry_outlines, grid_outlines, segments
+from lndrl.maps.paths import Roadmap
 from lndrl.maps.raycast import clearance, sample_field
 from lndrl.randomness import State, stream_state, uniform
-from lndrl.scenario import Box, RobotTask, Scenario
+from lndrl.scenario import Box, Point, RobotTask, Route, Scenario
+from lndrl.world.furnish import (
+    COMFORT,
+    PEDESTRIAN_ROOM,
+    ROBOT_MARGIN,
+    find_people,
+    find_tasks,
+    plan_via,
+)
+from lndrl.world.layouts import generate
 
-ROBOT_MARGIN = 0.1  # m of free room around the robot at its start and goal
-PEDESTRIAN_ROOM = 0.3  # m of free room around a pedestrian's start and goal
 _TRIES = 2000
-_CIRCLE_SEGMENTS = 24
+_ANY_DISTANCE = (0.0, np.inf)
 
 Start = tuple[float, float]
 
@@ -29,10 +38,17 @@ Start = tuple[float, float]
 class Place:
     """A validated scenario with its grid, distance field and wall outlines.
 
+    Everything lies in a frame of its own with (0, 0) at the grid's lower left corner;
+    ``map_origin`` is that corner in the frame of the map (m), (0, 0) but for ROS maps, so
+    ``map_origin + point`` is where a person finds the point in the map. ``scenario`` is the one
+    that worlds play: people and tasks are filled in where a map or a random layout left them to
+    be found, and its regions lie in the place's frame.
+
     ``distance`` float32 ``(h, w)`` (m, centre to centre), ``cells`` the same in whole cells
-    (uint8, what the laser marches on); ``walls`` ``(S, 4)`` segments
-    [x0, y0, x1, y1] (m), circles as 24-gons; ``regions`` int32 ``(h, w)`` numbers the connected
-    areas that the robot's centre can move in, 0 where it does not fit.
+    (uint8, what the laser marches on); ``outlines`` closed polygons (n, 2) (m) of everything
+    solid, solid on the left of each edge, circles as 24-gons; ``walls`` ``(S, 4)`` their edges
+    [x0, y0, x1, y1] (m); ``regions`` uint16 ``(h, w)`` numbers the connected areas that the
+    robot's centre can move in, 0 where it does not fit. ``notes`` say what had to give way.
     """
 
     scenario: Scenario
@@ -40,25 +56,60 @@ class Place:
     distance: NDArray[np.float32]
     cells: NDArray[np.uint8]
     walls: NDArray[np.float64]
-    regions: NDArray[np.int32]
+    regions: NDArray[np.uint16]
     robot_radius: float
+    outlines: tuple[Outline, ...] = ()
+    map_origin: Point = (0.0, 0.0)
+    notes: tuple[str, ...] = ()
 
     @classmethod
-    def build(cls, scenario: Scenario, robot_radius: float | None = None) -> Place:
+    def build(
+        cls, scenario: Scenario, robot_radius: float | None = None, layout: int = 0
+    ) -> Place:
         """Rasterise and validate ``scenario`` for a robot of ``robot_radius`` m (default: the
-        configuration's).
+        configuration's); ``layout`` picks one of a random scenario's.
 
         Raises UserError (scenario, region, mend) when a region leaves the map or has no free
-        room, or when a robot task has no connected start and goal at ``start_goal_distance``.
+        room, when a robot task has no connected start and goal at ``start_goal_distance``, and
+        for what is wrong with a map.
         """
         radius = WorldConfig().robot_radius if robot_radius is None else robot_radius
-        grid = grid_from_scenario(scenario)
+        if scenario.kind == "random":
+            scenario = generate(scenario, layout, radius)
+        origin: Point = (0.0, 0.0)
+        if scenario.kind == "map":
+            scenario = with_map(scenario)
+            grid = unpack(scenario)
+            origin = grid.origin
+            grid = replace(grid, origin=(0.0, 0.0))
+            scenario = _moved(scenario, (-origin[0], -origin[1]))
+            outlines = grid_outlines(grid)
+        else:
+            grid = grid_from_scenario(scenario)
+            outlines = geometry_outlines(scenario)
         distance = distance_field(grid.occupied, grid.resolution)
-        regions, _ = label(distance > radius + 0.5 * grid.resolution)
-        cells = clearance(distance, grid.resolution)
-        place = cls(scenario, grid, distance, cells, wall_segments(scenario), regions, radius)
+        regions, count = label(distance > radius + 0.5 * grid.resolution)
+        if count > np.iinfo(np.uint16).max:
+            raise UserError(
+                f"scenario {scenario.name}: its floor falls into {count} pieces; clean the map"
+            )
+        notes: tuple[str, ...] = ()
+        if scenario.kind == "map":
+            scenario, notes = _furnished(scenario, distance, grid.resolution, radius)
+        place = cls(
+            scenario,
+            grid,
+            distance,
+            clearance(distance, grid.resolution),
+            segments(outlines),
+            regions.astype(np.uint16),
+            radius,
+            outlines,
+            origin,
+            notes,
+        )
         place._check()
-        return place
+        return replace(place, scenario=_with_ways(place))
 
     def room(self, x: float, y: float) -> float:
         """Metres from the point to the nearest wall, to within a cell; 0 outside."""
@@ -88,7 +139,7 @@ class Place:
 
     def _draw_pair(self, task: RobotTask, state: State) -> tuple[Start, Start] | None:
         room = self.robot_radius + ROBOT_MARGIN
-        nearest, farthest = self.scenario.start_goal_distance
+        nearest, farthest = self.scenario.start_goal_distance or _ANY_DISTANCE
         for _ in range(_TRIES):
             start = self.draw_free(task.start, room, state)
             goal = self.draw_free(task.goal, room, state)
@@ -118,36 +169,118 @@ class Place:
             for point in route.via:
                 if self.room(*point) <= 0.0:
                     raise UserError(
-                        f"scenario {self.scenario.name}: {where}.via {list(point)} lies in a "
-                        "wall or off the map; move it to free floor"
+                        f"scenario {self.scenario.name}: {where}.via {self._shown(point)} lies in "
+                        "a wall or off the map; move it to free floor"
                     )
 
     def _check_region(self, where: str, box: Box, room: float, state: State) -> None:
         name = self.scenario.name
-        width, height = self.scenario.size
+        width, height = self.grid.size
         x_min, y_min, x_max, y_max = box
         if not (x_min <= x_max and y_min <= y_max):
             raise UserError(
-                f"scenario {name}: {where} {list(box)} must be [x_min, y_min, x_max, y_max]"
+                f"scenario {name}: {where} {self._shown(box)} must be [x_min, y_min, x_max, y_max]"
             )
-        if x_min < 0 or y_min < 0 or x_max > width or y_max > height:
+        slack = 1e-6  # a shifted map has rounded
+        if min(x_min, y_min) < -slack or x_max > width + slack or y_max > height + slack:
             raise UserError(
-                f"scenario {name}: {where} {list(box)} leaves the map; "
-                f"it must lie in [0, 0, {width:g}, {height:g}]"
+                f"scenario {name}: {where} {self._shown(box)} leaves the map; "
+                f"it must lie in {self._shown((0.0, 0.0, width, height))}"
             )
         if self.draw_free(box, room, state) is None:
             raise UserError(
-                f"scenario {name}: {where} {list(box)} has no point with {room:.2f} m of free "
+                f"scenario {name}: {where} {self._shown(box)} has no point with {room:.2f} m of free "
                 "room; move it away from obstacles or enlarge it"
             )
 
-    def _no_pair(self, task: int) -> str:
-        nearest, farthest = self.scenario.start_goal_distance
+    def _no_pair(self, number: int) -> str:
+        name, task = self.scenario.name, self.scenario.robot[number]
+        ends = [set(np.unique(self.regions[self._window(box)])) for box in (task.start, task.goal)]
+        if not (ends[0] & ends[1]) - {0}:
+            return (
+                f"scenario {name}: robot.{number} has no connected start and goal: no path leads "
+                f"from {self._shown(task.start)} to {self._shown(task.goal)} for a robot of "
+                f"radius {self.robot_radius:g} m; open a way or move a region"
+            )
+        nearest, farthest = self.scenario.start_goal_distance or _ANY_DISTANCE
         return (
-            f"scenario {self.scenario.name}: robot.{task} has no connected start and goal that "
+            f"scenario {name}: robot.{number} has no connected start and goal that "
             f"are {nearest:g} to {farthest:g} m apart; move its regions or widen "
             "start_goal_distance"
         )
+
+    def _window(self, box: Box) -> tuple[slice, slice]:
+        (bottom, left), (top, right) = self.grid.index(*box[:2]), self.grid.index(*box[2:])
+        return slice(max(bottom, 0), top + 1), slice(max(left, 0), right + 1)
+
+    def _shown(self, numbers: tuple[float, ...]) -> list[float]:
+        """Coordinates x, y, x, y, ... as a person finds them in the map."""
+        return [_round(v + self.map_origin[i % 2]) for i, v in enumerate(numbers)]
+
+
+def _round(value: float) -> float:
+    rounded = round(float(value), 3)
+    return int(rounded) if rounded == int(rounded) else rounded
+
+
+def _moved(scenario: Scenario, by: Point) -> Scenario:
+    """Regions and routes moved by ``by`` (m): from a map's frame into its place's."""
+
+    def box(b: Box) -> Box:
+        return (b[0] + by[0], b[1] + by[1], b[2] + by[0], b[3] + by[1])
+
+    def ends(what: Route | RobotTask) -> dict[str, Box]:
+        return {"start": box(what.start), "goal": box(what.goal)}
+
+    routes = [
+        route.model_copy(
+            update={**ends(route), "via": [(x + by[0], y + by[1]) for x, y in route.via]}
+        )
+        for route in scenario.pedestrians.routes
+    ]
+    tasks = [task.model_copy(update=ends(task)) for task in scenario.robot]
+    people = scenario.pedestrians.model_copy(update={"routes": routes})
+    return scenario.model_copy(update={"pedestrians": people, "robot": tasks})
+
+
+def _furnished(
+    scenario: Scenario, distance: NDArray[np.float32], resolution: float, radius: float
+) -> tuple[Scenario, tuple[str, ...]]:
+    """A map scenario with people and tasks where it names none, and what had to give way."""
+    people, note = find_people(scenario.pedestrians, distance, resolution)
+    notes = [note] if note else []
+    changes: dict[str, object] = {"pedestrians": people}
+    if not scenario.robot:
+        tasks, limits, note = find_tasks(
+            distance, resolution, radius, scenario.start_goal_distance, scenario.name
+        )
+        changes |= {"robot": tasks, "start_goal_distance": limits}
+        notes += [note] if note else []
+    return scenario.model_copy(update=changes), tuple(notes)
+
+
+def _with_ways(place: Place) -> Scenario:
+    """The scenario, its routes led around walls where they name no waypoints and cross one."""
+    scenario, grid = place.scenario, place.grid
+    routes = list(scenario.pedestrians.routes)
+    roadmap: Roadmap | None = None
+    for i, route in enumerate(routes):
+        start, goal = (np.array([b[0] + b[2], b[1] + b[3]]) / 2 for b in (route.start, route.goal))
+        if route.via:
+            continue
+        if roadmap is None:
+            roadmap = Roadmap.build(place.distance, grid.resolution, PEDESTRIAN_ROOM, COMFORT)
+        if roadmap.sees(start, goal, 0.0):
+            continue
+        via = plan_via(roadmap, route.start, route.goal)
+        if via is None:
+            raise UserError(
+                f"scenario {scenario.name}: pedestrians.routes.{i} has no path from "
+                f"{place._shown(route.start)} to {place._shown(route.goal)}; open a way or move it"
+            )
+        routes[i] = route.model_copy(update={"via": via})
+    people = scenario.pedestrians.model_copy(update={"routes": routes})
+    return scenario.model_copy(update={"pedestrians": people})
 
 
 @njit(cache=True, nogil=True)
@@ -170,24 +303,3 @@ def weighted_choice(weights: list[float], state: State) -> int:
         if left < 0.0:
             return i
     return len(weights) - 1
-
-
-def wall_segments(scenario: Scenario) -> NDArray[np.float64]:
-    """Outlines of outer walls (inner faces) and obstacles, ``(S, 4)`` [x0, y0, x1, y1] (m)."""
-    width, height = scenario.size
-    t = scenario.wall
-    outlines: list[list[Start]] = []
-    if t > 0:
-        outlines.append([(t, t), (width - t, t), (width - t, height - t), (t, height - t)])
-    for obstacle in scenario.obstacles:
-        if obstacle.box is not None:
-            x0, y0, x1, y1 = obstacle.box
-            outlines.append([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-        elif obstacle.circle is not None:
-            x, y, r = obstacle.circle
-            angles = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_SEGMENTS, endpoint=False)
-            outlines.append([(float(x + r * np.cos(a)), float(y + r * np.sin(a))) for a in angles])
-        else:
-            outlines.append(list(obstacle.polygon or []))
-    segments = [(*a, *b) for o in outlines for a, b in pairwise([*o, o[0]])]
-    return np.array(segments, dtype=np.float64).reshape(-1, 4)
