@@ -136,7 +136,7 @@ def _corridor(block: Box, state: State) -> list[Obstacle]:
     out: list[Obstacle] = []
     at = near
     while at < far + 1e-9:
-        out += _wall("y" if along_x else "x", at, low, high, state, openings=1 + (high - low > 7))
+        out += _wall("y" if along_x else "x", at, low, high, state, openings=1 + (high - low > 9))
         lane = _between(state, 2.0, 3.2)
         if at + lane < far and uniform(state) < 0.7:
             bench = _between(state, low, high - 1.2)
