@@ -28,6 +28,7 @@ SUMMARIES = {
     "dashboard": "Watch a running learner from another terminal.",
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "play": "Draw an episode of a policy as a picture or an animation.",
+    "scenarios": "List the places to train and test in, and draw them.",
     "curves": "Draw a run's learning curves and write them as a table.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",

@@ -58,7 +58,8 @@ class RunConfig(Model):
 def load_scenario(name: str, beside: Path | None = None) -> Scenario:
     """Scenario by name (``configs/scenarios/NAME.yaml``) or by path of a YAML file.
 
-    Raises UserError naming the file and, for an unknown name, the known ones.
+    A map that it names is read, so that the scenario is complete. Raises UserError naming the
+    file and, for an unknown name, the known ones.
     """
     if name.endswith((".yaml", ".yml")):
         path = Path(name)
@@ -74,7 +75,19 @@ def load_scenario(name: str, beside: Path | None = None) -> Scenario:
             raise UserError(
                 f"scenario {name!r} is unknown; {hint}: {', '.join(known)}, or give a YAML file"
             )
-    return validate(Scenario, load_yaml(path), str(path))
+    return _with_map(validate(Scenario, load_yaml(path), str(path)), path)
+
+
+def _with_map(scenario: Scenario, path: Path) -> Scenario:
+    """``scenario`` with its map read; a relative path is relative to the file ``path``."""
+    if scenario.kind != "map" or scenario.cells is not None:
+        return scenario
+    from lndrl.maps.embedded import with_map  # brings numba along
+
+    try:
+        return with_map(scenario, path.parent)
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
 
 
 def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -> RunConfig:
@@ -94,7 +107,8 @@ def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -
             raise UserError(f"{where}: {error}") from None
     elif data.get("scenario") is None:
         raise UserError(f"{where}: scenario is missing; name one, e.g. scenario: hybrid")
-    return validate(RunConfig, data, where)
+    config = validate(RunConfig, data, where)
+    return config.model_copy(update={"scenario": _with_map(config.scenario, path)})
 
 
 def parse_config(data: Any, where: str) -> RunConfig:
