@@ -166,7 +166,9 @@ class Scenario(Model):
                 f"size {list(self.size)}: random layouts need {SMALLEST_RANDOM:g} m or more"
             )
         if self.obstacles or self.robot or self.pedestrians.routes:
-            raise ValueError("obstacles, robot and pedestrians.routes are generated; leave them out")
+            raise ValueError(
+                "obstacles, robot and pedestrians.routes are generated; leave them out"
+            )
 
     def _check_size(self) -> None:
         if min(self.size) <= 0:

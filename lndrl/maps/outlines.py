@@ -6,7 +6,6 @@ obstacles do. A polygon (n, 2) lists its corners once (m); its last edge leads b
 
 from __future__ import annotations
 
-
 import contourpy
 import numpy as np
 from numpy.typing import NDArray

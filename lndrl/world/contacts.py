@@ -14,6 +14,8 @@ import pymunk.batch
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.maps.embedded import unpack
+from lndrl.maps.outlines import grid_outlines, segments
 from lndrl.scenario import Obstacle, Scenario
 
 Hit = Literal["", "wall", "pedestrian"]
@@ -97,6 +99,9 @@ def may_touch(pose, legs, distance, inverse_resolution, robot_radius, leg_radius
 def _wall_shapes(scenario: Scenario, body: pymunk.Body) -> list[pymunk.Shape]:
     width, height = scenario.size
     shapes: list[pymunk.Shape] = []
+    if scenario.kind == "map":
+        edges = segments(grid_outlines(unpack(scenario))).tolist()
+        return [pymunk.Segment(body, (a, b), (c, d), 0.0) for a, b, c, d in edges]
     if scenario.wall > 0:
         t = scenario.wall
         # A metre thicker to the outside, so that nobody ends up behind them.

@@ -63,9 +63,7 @@ class Place:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def build(
-        cls, scenario: Scenario, robot_radius: float | None = None, layout: int = 0
-    ) -> Place:
+    def build(cls, scenario: Scenario, robot_radius: float | None = None, layout: int = 0) -> Place:
         """Rasterise and validate ``scenario`` for a robot of ``robot_radius`` m (default: the
         configuration's); ``layout`` picks one of a random scenario's.
 
@@ -189,8 +187,8 @@ class Place:
             )
         if self.draw_free(box, room, state) is None:
             raise UserError(
-                f"scenario {name}: {where} {self._shown(box)} has no point with {room:.2f} m of free "
-                "room; move it away from obstacles or enlarge it"
+                f"scenario {name}: {where} {self._shown(box)} has no point with {room:.2f} m of "
+                "free room; move it away from obstacles or enlarge it"
             )
 
     def _no_pair(self, number: int) -> str:
