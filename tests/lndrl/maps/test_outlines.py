@@ -52,7 +52,9 @@ def test_outlines_of_a_grid(seed, rows, columns, smooth) -> None:
         assert outlines == ()
         return
     edges = segments(outlines)
-    along = np.concatenate([edges[:, :2] + u * (edges[:, 2:] - edges[:, :2]) for u in (0, 0.3, 0.7)])
+    along = np.concatenate(
+        [edges[:, :2] + u * (edges[:, 2:] - edges[:, :2]) for u in (0, 0.3, 0.7)]
+    )
     assert distance_to(along, border_edges(grid)).max() <= 0.5 * STEP + 1e-9
     corners = border_edges(grid)
     middles = 0.5 * (corners[:, :2] + corners[:, 2:])
@@ -95,7 +97,9 @@ def test_straight_and_slanted_walls_need_few_corners() -> None:
 def test_the_origin_is_left_out() -> None:
     grid = blobs(1, 30, 30, 2.0)
     moved = OccupancyGrid(grid.occupied, STEP, (7.0, -3.0))
-    assert all((a == b).all() for a, b in zip(grid_outlines(grid), grid_outlines(moved), strict=True))
+    assert all(
+        (a == b).all() for a, b in zip(grid_outlines(grid), grid_outlines(moved), strict=True)
+    )
 
 
 def test_geometry_keeps_its_exact_shapes() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def roadmap(two_rooms) -> Roadmap:
 def room_along(roadmap: Roadmap, path: np.ndarray) -> float:
     return min(
         sample_field(roadmap.distance, 1 / STEP, *(a + u * (b - a))) - STEP / 2
-        for a, b in zip(path[:-1], path[1:], strict=True)
+        for a, b in pairwise(path)
         for u in np.linspace(0, 1, 200)
     )
 

@@ -170,9 +170,7 @@ def test_yaw_turns_the_map_about_its_origin(tmp_path, yaw) -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    st.integers(0, 2**32 - 1), st.integers(3, 25), st.integers(3, 25), st.floats(0.0, 1.0)
-)
+@given(st.integers(0, 2**32 - 1), st.integers(3, 25), st.integers(3, 25), st.floats(0.0, 1.0))
 def test_nobody_leaves_a_map(seed, rows, columns, unknown) -> None:
     """Around every floor cell stand floor or walls; the grid's edge is no floor."""
     rng = np.random.default_rng(seed)

@@ -126,7 +126,9 @@ def test_own_regions_are_given_in_the_frame_of_the_map(place, tmp_path) -> None:
     (route,) = own.scenario.pedestrians.routes
     assert route.start == pytest.approx((1, 1, 2, 2))
     assert len(route.via) >= 2  # led around the walls
-    with pytest.raises(UserError, match=r"robot\.0\.start \[-112\.3, .* must lie in \[-12\.3, 4\.7"):
+    with pytest.raises(
+        UserError, match=r"robot\.0\.start \[-112\.3, .* must lie in \[-12\.3, 4\.7"
+    ):
         far = (x - 100, y, x - 99, y + 1)
         Place.build(scenario(path, robot=[{"start": far, "goal": goal}]))
 
