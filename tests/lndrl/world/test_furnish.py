@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +85,7 @@ def test_routes_do_not_cross_walls(place) -> None:
             rng = np.random.default_rng(0)
             ends = [rng.uniform(b[:2], b[2:]) for b in (route.start, route.goal)]
             path = [ends[0], *map(np.array, route.via), ends[1]]
-            for a, b in zip(path[:-1], path[1:], strict=True):
+            for a, b in pairwise(path):
                 assert room_between(place, a, b) > 0.2
 
 

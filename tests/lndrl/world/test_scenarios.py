@@ -9,6 +9,7 @@ import pytest
 
 from lndrl.config import LaserConfig, WorldConfig, load_scenario
 from lndrl.maps.outlines import signed_area
+from lndrl.maps.paths import leg_room
 from lndrl.world import Place, World
 from lndrl.world.laser import Laser
 
@@ -36,8 +37,7 @@ def lattice(box) -> list[np.ndarray]:
 
 
 def room_between(place, a, b) -> float:
-    steps = int(np.hypot(*(b - a)) / 0.1) + 2
-    return min(place.room(*(a + (b - a) * u)) for u in np.linspace(0, 1, steps))
+    return leg_room(place.distance, 1.0 / place.grid.resolution, *a, *b)
 
 
 def nearest(place, laser, x, y, yaw) -> np.ndarray:
