@@ -52,7 +52,9 @@ class Roadmap:
         number = np.full(clear.shape, -1, np.int64)
         number[passable] = np.arange(passable.sum())
         row, column = np.nonzero(passable)
-        nodes = (np.stack([column, row], axis=1) * stride + first + 0.5) * resolution
+        nodes = np.asarray(
+            (np.stack([column, row], axis=1) * stride + first + 0.5) * resolution, np.float64
+        )
         kept = clear[passable]
         graph = _connect(number, kept, stride * resolution, comfort)
         count, part = connected_components(graph, directed=False)

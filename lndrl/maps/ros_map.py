@@ -137,9 +137,10 @@ def _read_image(image: Path, path: Path) -> tuple[NDArray[np.float64], NDArray[n
 
 def _check_length(opened: Image.Image, image: Path) -> None:
     """Refuse a binary PGM with more or fewer bytes than its header asks for."""
-    if opened.format != "PPM" or not opened.tile or image.read_bytes()[:2] != b"P5":
+    tile = getattr(opened, "tile", None)
+    if opened.format != "PPM" or not tile or image.read_bytes()[:2] != b"P5":
         return
-    start = opened.tile[0].offset
+    start = tile[0][2]  # where the pixels begin
     wide = 2 if opened.mode.startswith("I") else 1
     columns, rows = opened.size
     held, asked = image.stat().st_size - start, columns * rows * wide

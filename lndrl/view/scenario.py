@@ -28,6 +28,7 @@ from lndrl.world import Place
 _LONGEST_SIDE = 9.0  # inches
 _MARGIN = 0.12  # inches
 _TICKS, _HEAD, _LEGEND = 0.35, 0.42, 0.40  # inches
+_LOOKS = 20
 _END = "-|>"
 
 
@@ -38,8 +39,14 @@ def sample_start(place: Place, seed: int = 0, episode: int = 0) -> WorldSnapshot
     )
     field = LikelihoodMap.build(place.grid, config.localization)
     world = Navigation(place, field, config, world_id=0)
-    world.reset(episode)
-    return world.snapshot()
+    for number in range(episode, episode + _LOOKS):
+        world.reset(number)
+        snapshot = world.snapshot()
+        ahead = snapshot.goal - snapshot.pose_true[:2]
+        turn = np.arctan2(ahead[1], ahead[0]) - snapshot.pose_true[2]
+        if np.cos(turn) > 0.8:  # a robot that looks where it is asked to go tells more
+            break
+    return snapshot
 
 
 def draw_scenario(place: Place, snapshot: WorldSnapshot, axes: Axes) -> None:
@@ -122,6 +129,8 @@ def _draw_route(route: Route, axes: Axes) -> None:
     """A line through the waypoints; arrows at the ends that people walk to."""
     points = np.array([_middle(route.start), *route.via, _middle(route.goal)])
     style: dict[str, Any] = {"color": PERSON[""], "alpha": 0.65, "zorder": 2.5}
+    far = np.hypot(*np.diff(points, axis=0).T) > 0.3  # arrows need a leg to point along
+    points = points[np.concatenate([far | ~far.any(), [True]])]
     axes.plot(*points.T, linewidth=1.0, **style)
     ends = [(points[-2], points[-1])]
     if route.both_ways:
@@ -150,7 +159,7 @@ def _mark_metres(place: Place, axes: Axes) -> None:
         (axes.yaxis, place.map_origin[1], place.grid.size[1]),
     ):
         marks = np.arange(np.ceil(origin / step) * step, origin + length + 1e-6, step)
-        axis.set_ticks(list(marks - origin), [f"{mark:g}" for mark in marks])
+        axis.set_ticks(list(marks - origin), [f"{mark + 0.0:g}" for mark in marks])
     axes.tick_params(colors=SLATE, labelsize=8, length=3, color=SLATE)
     for spine in axes.spines.values():
         spine.set_visible(False)

@@ -25,7 +25,7 @@ _FLOOR_PER_REGION = 30.0  # m²
 _FLOOR_PER_PERSON = 6.0  # m²; denser crowds than the paper's only push
 _REGION_SIDE = 2.0  # m
 _SHORTEST_ROUTE = 4.0  # m
-_DETOUR = 1.5  # longest way to a goal against the straight line, where there is a choice
+_DETOURS = (1.1, 1.2, 1.3, 1.5)  # of ways to goals; the least that leaves enough to choose from
 _MOST_TASKS = 12
 _SHORTEST_TASK = 2.0  # m
 
@@ -171,8 +171,11 @@ def _choose_tasks(
         (a, b): path_length(roadmap.trace(before[a], int(nodes[b]))) / straight[a, b]
         for a, b in pairs
     }
-    direct = [pair for pair in pairs if detour[pair] <= _DETOUR]
-    left = direct or sorted(pairs, key=lambda pair: detour[pair])[:3]
+    left: list[tuple[int, int]] = []
+    for most in _DETOURS:
+        if len(left) < _MOST_TASKS:
+            left = [pair for pair in pairs if detour[pair] <= most]
+    left = left or sorted(pairs, key=lambda pair: detour[pair])[:3]
     used = np.zeros(len(boxes), np.int64)
     tasks: list[RobotTask] = []
     while left and len(tasks) < _MOST_TASKS:

@@ -15,7 +15,7 @@ from lndrl.randomness import State, stream_state, uniform
 from lndrl.scenario import Box, Obstacle, Point, RandomLayouts, Scenario
 from lndrl.world.furnish import TASK_DISTANCE, find_people, find_tasks
 
-_ATTEMPTS = 50
+_ATTEMPTS = 20
 _STREAM = 77  # keeps these draws apart from those of worlds
 _AISLE = (0.8, 1.4)  # m from a block's edge to what stands in it: half an aisle
 _SMALLEST_BLOCK = 5.5  # m
@@ -42,6 +42,13 @@ def generate(scenario: Scenario, index: int, robot_radius: float = 0.17) -> Scen
     """
     settings = _settings(scenario)
     index %= settings.layouts
+    diagonal = float(np.hypot(*scenario.size))
+    nearest = (scenario.start_goal_distance or TASK_DISTANCE)[0]
+    if nearest > diagonal:
+        raise UserError(
+            f"scenario {scenario.name}: no layout of {diagonal:.1f} m from corner to corner has "
+            f"start and goal {nearest:g} m apart; enlarge size or change start_goal_distance"
+        )
     reason = ""
     for attempt in range(_ATTEMPTS):
         state = stream_state(settings.seed, index, attempt, _STREAM)

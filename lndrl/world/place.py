@@ -93,10 +93,10 @@ class Place:
             raise UserError(
                 f"scenario {scenario.name}: its floor falls into {count} pieces; clean the map"
             )
-        cells = clearance(distance, grid.resolution)
         notes: tuple[str, ...] = ()
         if scenario.kind == "map":
             scenario, notes = _furnished(scenario, distance, grid.resolution, radius)
+        cells = clearance(distance, grid.resolution)
         place = cls(
             scenario,
             grid,
@@ -191,8 +191,8 @@ class Place:
             )
         if self.draw_free(box, room, state) is None:
             raise UserError(
-                f"scenario {name}: {where} {self._shown(box)} has no point with {room:.2f} m of free "
-                "room; move it away from obstacles or enlarge it"
+                f"scenario {name}: {where} {self._shown(box)} has no point with {room:.2f} m of "
+                "free room; move it away from obstacles or enlarge it"
             )
 
     def _no_pair(self, number: int) -> str:

@@ -93,7 +93,7 @@ def test_one_way_tasks_keep_their_direction_and_weights_count():
         ),
         (
             {"pedestrians": people(via=[[4.5, 2.0]])},
-            r"scenario small: pedestrians\.routes\.0\.via \[4\.5, 2\.0\] lies in a wall",
+            r"scenario small: pedestrians\.routes\.0\.via \[4\.5, 2\] lies in a wall",
         ),
     ],
 )
