@@ -30,6 +30,7 @@ from lndrl.localization import (
     reset_belief,
     update_belief,
 )
+from lndrl.localization.confidence import effective_count
 from lndrl.localization.motion import decompose, deviations
 from lndrl.localization.recovery import injection_chance
 from lndrl.localization.update import _predict, pack
@@ -75,6 +76,17 @@ def test_best_keeps_fifty_drives_on_track(place, drives):
     assert outcome.position_rmse.mean() <= 0.012  # 0.0064 measured; beluga's best is 0.031
     assert outcome.position_error.max() < 0.15
     assert outcome.yaw_rmse.mean() < 0.002
+
+
+def test_headings_wrap_at_the_cut(place, drives):
+    """The first drive starts facing west and turns across the cut again and again."""
+    drive = drives[0]
+    assert (np.abs(drive.truth[:, 2]) > math.pi - 0.1).any()
+    west = np.remainder(drive.truth[:, 2], 2 * math.pi)
+    assert west.min() < math.pi < west.max()
+    for settings in (BEST, config()):
+        outcome = replay([drive], place.grid, settings, LASER, seeds=2)
+        assert outcome.yaw_error.max() < 0.15
 
 
 def test_square_roots_and_true_edges_matter(place, drives):
@@ -255,6 +267,14 @@ def test_confidence_of_a_good_and_of_a_lost_filter(place, drives):
     amcl.reset(drives[1].start, stream_state(0))
     feed(amcl, drives[0], 0, 20)
     assert amcl.beam_agreement < 0.5
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 501])
+def test_effective_count_is_the_inverse_square_sum(count):
+    weights = np.random.default_rng(count).exponential(1.0, count + 5)
+    weights[:count] /= weights[:count].sum()
+    expected = 1.0 / np.square(weights[:count]).sum()
+    assert effective_count(weights, count) == pytest.approx(expected)
 
 
 def test_cluster_covariance_leaves_the_rest_out(place):
