@@ -1,44 +1,150 @@
-"""The belief: AMCL under ROS parameter names."""
+"""The belief: AMCL under ROS parameter names, and settings that are known by a name."""
 
 from __future__ import annotations
 
-from typing import Literal
+import difflib
+import math
+from statistics import NormalDist
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from lndrl.models import Count, Model, NonNegative, Positive, Probability
 
+PRESETS: dict[str, dict[str, Any]] = {
+    # The defaults below: the paper's launch file, with ROS's own habits.
+    "paper": {},
+    # The most accurate and robust of what was tried; docs/localization.md has the figures.
+    "best": {
+        "laser_field": "surfaces",
+        "odom_model_type": "diff-corrected",
+    },
+    "perfect": {"kind": "perfect"},
+}
+
 
 class LocalizationConfig(Model):
-    """AMCL under ROS parameter names, the paper's own launch file as defaults (LAUNCH)."""
+    """AMCL under ROS parameter names, the paper's own launch file as defaults (LAUNCH).
 
+    In YAML either a preset's name (``localization: best``) or keys, of which ``preset`` names the
+    settings that the others change.
+    """
+
+    preset: Literal["paper", "best", "perfect"] = Field(
+        "paper", description="paper, best, perfect: values of the keys that are not named"
+    )
     kind: Literal["amcl", "perfect"] = Field("amcl", description="perfect hands out the truth")
     min_particles: Count = 500
     max_particles: Count = 2000
     kld_err: Positive = 0.05
     kld_z: Positive = Field(0.99, description="used directly as the normal quantile, like ROS")
+    kld_z_is_probability: bool = Field(
+        False, description="kld_z is the probability instead: 0.99 becomes the quantile 2.326"
+    )
+    odom_model_type: Literal["diff", "diff-corrected"] = Field(
+        "diff", description="diff uses variances as deviations, like ROS; diff-corrected does not"
+    )
     odom_alpha1: NonNegative = Field(0.2, description="rotation noise from rotation")
     odom_alpha2: NonNegative = Field(0.2, description="rotation noise from translation")
     odom_alpha3: NonNegative = Field(0.2, description="translation noise from translation")
     odom_alpha4: NonNegative = Field(0.2, description="translation noise from rotation")
+    laser_model_type: Literal["likelihood_field", "likelihood_field_prob", "beam"] = Field(
+        "likelihood_field", description="beam casts a ray per particle and beam: slow"
+    )
+    laser_field: Literal["solid", "boundaries", "surfaces"] = Field(
+        "solid",
+        description="distance 0 all inside obstacles (ROS), in their boundary cells, or at the "
+        "very edge of free cells",
+    )
+    laser_likelihood_exponent: Positive = Field(
+        1.0, description="of a beam's factor in likelihood_field_prob; below 1: beams err together"
+    )
     laser_max_beams: Count = 60
     laser_max_range: Positive = Field(12.0, description="m; readings at or beyond are skipped")
     laser_z_hit: Probability = 0.95
+    laser_z_short: Probability = Field(0.1, description="beam model only")
+    laser_z_max: Probability = Field(0.05, description="beam model only")
     laser_z_rand: Probability = 0.05
     laser_sigma_hit: Positive = Field(0.2, description="m")
+    laser_lambda_short: Positive = Field(0.1, description="1/m, beam model only")
     laser_likelihood_max_dist: Positive = Field(2.0, description="m")
+    do_beamskip: bool = Field(
+        False, description="likelihood_field_prob: leave out beams that few particles explain"
+    )
+    beam_skip_distance: Positive = Field(0.5, description="m from an obstacle: explained")
+    beam_skip_threshold: Probability = Field(0.3, description="share of particles that explain it")
+    beam_skip_error_threshold: Probability = Field(
+        0.9, description="this share of the beams skipped, and all are used: probably misplaced"
+    )
     update_min_d: NonNegative = Field(0.01, description="m, tested on |dx| or |dy| of odometry")
     update_min_a: NonNegative = Field(0.001, description="rad")
     resample_interval: Count = 1
-    recovery_alpha_slow: Probability = 0.001
+    resample_model_type: Literal["multinomial", "systematic"] = Field(
+        "multinomial", description="independent draws, or evenly spread ones"
+    )
+    selective_resampling: bool = Field(
+        False, description="resample only when the effective count is below half"
+    )
+    recovery_alpha_slow: Probability = Field(0.001, description="0 with fast 0: no recovery")
     recovery_alpha_fast: Probability = 0.1
     bin_size: Positive = Field(0.5, description="m, KLD and cluster bins")
     bin_angle: Positive = Field(0.17453292519943295, description="rad (10 degrees)")
     initial_deviation_xy: NonNegative = Field(0.05, description="m, at episode start")
     initial_deviation_yaw: NonNegative = Field(0.05235987755982988, description="rad (3 degrees)")
+    initial_cov_xx: NonNegative | None = Field(
+        None, description="m^2, replaces the deviation; 0.25 in ROS"
+    )
+    initial_cov_yy: NonNegative | None = Field(None, description="m^2")
+    initial_cov_aa: NonNegative | None = Field(None, description="rad^2; (pi/12)^2 in ROS")
+    agreement_distance: Positive = Field(
+        0.2, description="m from an obstacle within which a beam agrees with the estimate"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _resolve(cls, data: Any) -> Any:
+        """A preset's name, alone or as key, to the keys that it stands for."""
+        if isinstance(data, str):
+            data = {"preset": data}
+        if not isinstance(data, dict) or not isinstance(data.get("preset"), str):
+            return data
+        name = data["preset"]
+        if name not in PRESETS:
+            close = difflib.get_close_matches(name, PRESETS, n=1)
+            hint = f"did you mean {close[0]}? known" if close else "known"
+            raise ValueError(f"preset {name!r} is unknown; {hint}: {', '.join(PRESETS)}")
+        return {**PRESETS[name], **data}
 
     @model_validator(mode="after")
     def _order(self) -> LocalizationConfig:
         if self.min_particles > self.max_particles:
             raise ValueError("min_particles must not exceed max_particles")
+        if self.kld_z_is_probability and not 0.5 < self.kld_z < 1.0:
+            raise ValueError(
+                f"kld_z must lie between 0.5 and 1 as a probability, not at {self.kld_z:g}"
+            )
+        if self.do_beamskip and self.laser_model_type != "likelihood_field_prob":
+            raise ValueError(
+                "do_beamskip needs laser_model_type likelihood_field_prob, "
+                f"not {self.laser_model_type}"
+            )
         return self
+
+    @property
+    def kld_quantile(self) -> float:
+        """The normal quantile in the KLD bound."""
+        return NormalDist().inv_cdf(self.kld_z) if self.kld_z_is_probability else self.kld_z
+
+    @property
+    def initial_deviations(self) -> tuple[float, float, float]:
+        """Deviations of x, y (m) and yaw (rad) of the cloud that an episode starts with."""
+        pairs = (
+            (self.initial_cov_xx, self.initial_deviation_xy),
+            (self.initial_cov_yy, self.initial_deviation_xy),
+            (self.initial_cov_aa, self.initial_deviation_yaw),
+        )
+        x, y, yaw = (
+            float(deviation) if variance is None else math.sqrt(variance)
+            for variance, deviation in pairs
+        )
+        return x, y, yaw

@@ -110,6 +110,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
     target = data
     for parent in parents:
         inner = target.setdefault(parent, {})
+        if isinstance(inner, str) and target is data and parent == "localization":
+            inner = target[parent] = {"preset": inner}
         if not isinstance(inner, dict):
             raise UserError(f"--set {override}: {parent} holds a value, not keys")
         target = inner

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig
 from lndrl.errors import UserError
+from lndrl.localization.field import beam_factor, obstacle_distance
 from lndrl.maps.grid import OccupancyGrid, distance_field
+from lndrl.maps.raycast import clearance
 
 Cells = NDArray[np.float32]
 
@@ -32,6 +34,10 @@ class LikelihoodMap:
     holds the off-map value, so that a clamped index needs no test. Cell (r, c) of the grid is
     ``table[r + 1, c + 1]`` and lies where the map server puts it (ROS AMCL is half a cell off).
     ``free_cells``: int32 indices ``row * width + column`` of the free cells, for recovery.
+    For ``likelihood_field_prob`` the table holds ``log pz`` (see ``field.beam_factor``).
+    ``clearance``: uint8 ``(height, width)``, what rays march on; only the beam model has it.
+    ``skip_level``, ``agreement_level``: table values at ``beam_skip_distance`` and
+    ``agreement_distance``; larger is nearer.
     """
 
     table: NDArray[np.float32]
@@ -40,6 +46,9 @@ class LikelihoodMap:
     height: int
     resolution: float
     origin: tuple[float, float]
+    clearance: NDArray[np.uint8]
+    skip_level: float
+    agreement_level: float
 
     @classmethod
     def build(cls, grid: OccupancyGrid, config: LocalizationConfig) -> LikelihoodMap:
@@ -50,18 +59,22 @@ class LikelihoodMap:
         height, width = grid.occupied.shape
         farthest = config.laser_likelihood_max_dist
         distance = np.full((height + 2, width + 2), farthest, dtype=np.float64)
-        if grid.occupied.any():
-            inner = distance_field(grid.occupied, grid.resolution)
-            np.minimum(inner, farthest, out=distance[1:-1, 1:-1])
-        hit = config.laser_z_hit * np.exp(-0.5 * (distance / config.laser_sigma_hit) ** 2)
-        table = (hit + config.laser_z_rand / config.laser_max_range) ** 3
+        distance[1:-1, 1:-1] = obstacle_distance(grid, config)
+        levels = np.array([config.beam_skip_distance, config.agreement_distance])
+        skip_level, agreement_level = beam_factor(levels, config).astype(np.float32)
+        cells = np.zeros((1, 1), dtype=np.uint8)
+        if config.laser_model_type == "beam":
+            cells = clearance(distance_field(grid.occupied, grid.resolution), grid.resolution)
         return cls(
-            np.ascontiguousarray(table, dtype=np.float32),
+            np.ascontiguousarray(beam_factor(distance, config), dtype=np.float32),
             free_cells,
             width,
             height,
             float(grid.resolution),
             (float(grid.origin[0]), float(grid.origin[1])),
+            cells,
+            float(skip_level),
+            float(agreement_level),
         )
 
 

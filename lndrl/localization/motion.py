@@ -87,3 +87,17 @@ def scatter(particles, count, pose, spread, state):
         particles[2, i] = yaw
         particles[3, i] = cosine
         particles[4, i] = sine
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def scatter_correlated(particles, count, pose, root, state):
+    """As ``scatter``, with ``root`` (3, 3) a square root of the covariance of x, y, yaw."""
+    for i in range(count):
+        a, b, c = normal(state), normal(state), normal(state)
+        particles[0, i] = pose[0] + root[0, 0] * a + root[0, 1] * b + root[0, 2] * c
+        particles[1, i] = pose[1] + root[1, 0] * a + root[1, 1] * b + root[1, 2] * c
+        yaw = wrap(pose[2] + root[2, 0] * a + root[2, 1] * b + root[2, 2] * c)
+        sine, cosine = sincos(yaw)
+        particles[2, i] = yaw
+        particles[3, i] = cosine
+        particles[4, i] = sine

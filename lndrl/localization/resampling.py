@@ -29,7 +29,7 @@ def kld_limits(config: LocalizationConfig) -> NDArray[np.int32]:
     limits = np.full(config.max_particles + 1, config.min_particles, dtype=np.int32)
     for k in range(2, config.max_particles + 1):
         spread = 2.0 / (9.0 * (k - 1))
-        quantile = (1.0 - spread + math.sqrt(spread) * config.kld_z) ** 3
+        quantile = (1.0 - spread + math.sqrt(spread) * config.kld_quantile) ** 3
         needed = math.ceil((k - 1) / (2.0 * config.kld_err) * quantile)
         limits[k] = min(max(needed, config.min_particles), config.max_particles)
     return limits

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lndrl.config import LocalizationConfig
-from lndrl.localization.amcl import _make_field, _make_scratch
+from lndrl.config import LaserConfig, LocalizationConfig
+from lndrl.localization.belief import make_field, make_scratch
 from lndrl.localization.bins import bin_key, bin_keys, insert, make_bins
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.resampling import (
@@ -37,10 +37,10 @@ def setting(count=4000, spread=0.2, seed=0, **changes):
         source=np.array([x, y, yaw, np.cos(yaw), np.sin(yaw)]),
         target=np.zeros((5, count)),
         weights=rng.uniform(0.1, 1.0, count),
-        scratch=_make_scratch(count, 10),
+        scratch=make_scratch(config, LaserConfig(beams=10)),
         bins=make_bins(config),
         limits=kld_limits(config),
-        field=_make_field(field),
+        field=make_field(field),
         state=stream_state(seed),
         config=config,
     )

@@ -1,0 +1,216 @@
+"""One step of the filter as compiled code: gate, motion, sensor, resampling, estimate.
+
+Kernels for one world's ``Belief``, callable from other kernels; ``amcl.AMCL`` wraps them. Each step
+is a kernel next to its concept; which model runs is a number in ``Settings``, asked once per
+update, so all configurations share one compiled signature.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from lndrl.localization.angles import difference
+from lndrl.localization.beam_model import beam_model, prepare_readings
+from lndrl.localization.belief import (
+    BAD_ODOMETRY,
+    BAD_READINGS,
+    BEAM,
+    BEAM_AGREEMENT,
+    COUNT,
+    CURRENT,
+    EFFECTIVE_COUNT,
+    LIKELIHOOD_FIELD_PROB,
+    UPDATES,
+)
+from lndrl.localization.bins import bin_keys, insert
+from lndrl.localization.clusters import estimate
+from lndrl.localization.confidence import beam_agreement, effective_count
+from lndrl.localization.field_prob import converged, skip_beams, weigh_logarithms
+from lndrl.localization.likelihood import beam_ends, likelihood_field, to_cells
+from lndrl.localization.motion import decompose, deviations, draw_noise, move, scatter
+from lndrl.localization.resampling import follow_average, inject, recovery_chance, resample
+from lndrl.localization.systematic import resample_systematic
+
+# An odometer that jumps farther (m) is broken, not moving; it would also overflow the cell index.
+_FARTHEST_JUMP = 1000.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _begin(belief):
+    """A full set of equal weights, nothing remembered; returns its size."""
+    count = belief.weights.size
+    belief.numbers[:] = 0
+    belief.numbers[COUNT] = count
+    belief.averages[:] = 0.0
+    belief.weights[:] = 1.0 / count
+    belief.quality[EFFECTIVE_COUNT] = count
+    belief.quality[BEAM_AGREEMENT] = 0.0
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reset_belief(start, spread, belief, scratch, bins):
+    """Draw the full set around ``start`` [x, y, yaw] with deviations ``spread`` (m, m, rad).
+
+    The caller sets ``belief.random`` (the seed) and ``belief.odometry`` (the reading at ``start``).
+    """
+    count = _begin(belief)
+    particles = belief.particles[0]
+    scatter(particles, count, start, spread, belief.random)
+    summarise(belief, scratch, bins)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def spread_belief(belief, scratch, bins, field):
+    """Draw the full set uniformly over the free cells and all headings."""
+    count = _begin(belief)
+    for i in range(count):
+        inject(belief.particles[0], i, field, belief.random)
+    summarise(belief, scratch, bins)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def summarise(belief, scratch, bins):
+    """Estimate and covariance of the current set as it is."""
+    count = belief.numbers[COUNT]
+    particles = belief.particles[belief.numbers[CURRENT]]
+    k = fill_bins(particles, count, scratch, bins)
+    estimate(
+        particles, belief.weights, count, scratch.bin_of, bins, k, belief.pose, belief.covariance
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill_bins(particles, count, scratch, bins):
+    """Sort ``count`` particles into emptied ``bins``; returns the number of occupied ones."""
+    bin_keys(particles, count, bins, scratch.keys)
+    bins.slots[:] = -1
+    k = 0
+    for i in range(count):
+        scratch.bin_of[i], k = insert(scratch.keys[i], bins, k)
+    return k
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gate(new, belief, settings):
+    """Whether the odometry pose asks for an update; counts poses that cannot be true."""
+    old = belief.odometry
+    dx = abs(new[0] - old[0])
+    dy = abs(new[1] - old[1])
+    # Comparisons with NaN are false, so this refuses NaN and infinity as well.
+    if not (dx < _FARTHEST_JUMP and dy < _FARTHEST_JUMP and abs(new[2]) < 1e6):
+        belief.numbers[BAD_ODOMETRY] += 1
+        return False
+    turn = abs(difference(new[2], old[2]))
+    return dx > settings.update_min_d or dy > settings.update_min_d or turn > settings.update_min_a
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _predict(particles, count, new, belief, scratch, settings):
+    rotation1, translation, rotation2 = decompose(belief.odometry, new)
+    spread = deviations(rotation1, translation, rotation2, settings.alpha)
+    if settings.motion_corrected != 0:
+        spread = (math.sqrt(spread[0]), math.sqrt(spread[1]), math.sqrt(spread[2]))
+    draw_noise(scratch.noise, count, spread, belief.random)
+    move(particles, count, (rotation1, translation, rotation2), scratch.noise)
+    belief.odometry[:] = new
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh_sums(weights, likelihood, count):
+    """Multiply ``weights`` by the likelihoods and normalise them; returns their sum before."""
+    total = 0.0
+    for i in range(count):
+        weights[i] *= likelihood[i]
+        total += weights[i]
+    for i in range(count):
+        weights[i] /= total
+    # The weights summed to 1, so their new sum is the mean likelihood (Thrun's w_avg). ROS divides
+    # it by the count once more. That belongs to the behaviour that the paper measured: an episode
+    # starts with the most particles, so its slow average starts low, and injection is rare.
+    return total / count
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings):
+    """Weigh by the scan; returns the number of beams with an echo, all in ``scratch.beams``."""
+    kept, broken = beam_ends(ranges, bearings, settings.range_max, field.resolution, scratch.beams)
+    belief.numbers[BAD_READINGS] += broken
+    used = kept
+    if settings.sensor_model == BEAM:
+        beams = prepare_readings(
+            ranges, bearings, settings.range_max, settings.beam_numbers, scratch.readings
+        )
+        beam_model(
+            particles, count, scratch.readings, beams, field,
+            settings.range_max, settings.beam_numbers, scratch.likelihood,
+        )  # fmt: skip
+    else:
+        to_cells(particles, count, field.resolution, field.origin_x, field.origin_y, scratch.cells)
+        if settings.beam_skip != 0 and converged(particles, count):
+            used = skip_beams(
+                field, scratch.cells, count, scratch.beams, kept,
+                settings.beam_skip_threshold, settings.beam_skip_error_threshold,
+            )  # fmt: skip
+        likelihood_field(
+            field.table, field.rows, field.columns, scratch.cells, count,
+            scratch.beams, used, scratch.indices, scratch.likelihood,
+        )  # fmt: skip
+    if settings.sensor_model == LIKELIHOOD_FIELD_PROB:
+        average = weigh_logarithms(belief.weights, scratch.likelihood, count, used)
+    else:
+        average = _weigh_sums(belief.weights, scratch.likelihood, count)
+    if used > 0 or settings.sensor_model != LIKELIHOOD_FIELD_PROB:
+        # A product over no beams says nothing about how well the scan fits.
+        follow_average(belief.averages, average, settings.alpha_slow, settings.alpha_fast)
+    belief.quality[EFFECTIVE_COUNT] = effective_count(belief.weights, count)
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _resample(particles, count, belief, scratch, bins, limits, field, settings):
+    """Draw the other set from this one; returns its size and number of occupied bins."""
+    chance = recovery_chance(belief.averages)
+    target = belief.particles[1 - belief.numbers[CURRENT]]
+    bin_keys(particles, count, bins, scratch.keys)
+    bins.slots[:] = -1
+    if settings.systematic != 0:
+        count, k = resample_systematic(
+            particles, belief.weights, count, target, scratch,
+            bins, limits, chance, field, belief.random,
+        )  # fmt: skip
+    else:
+        count, k = resample(
+            particles, belief.weights, count, target, scratch,
+            bins, limits, chance, field, belief.random,
+        )  # fmt: skip
+    belief.weights[:count] = 1.0 / count
+    belief.numbers[COUNT] = count
+    belief.numbers[CURRENT] = 1 - belief.numbers[CURRENT]
+    return count, k
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_belief(odometry, ranges, bearings, belief, scratch, bins, limits, field, settings):
+    """Take in an odometry pose (3,) and a scan (float32, (n,) each); False at a closed gate."""
+    if not _gate(odometry, belief, settings):
+        return False
+    numbers = belief.numbers
+    count = numbers[COUNT]
+    particles = belief.particles[numbers[CURRENT]]
+    _predict(particles, count, odometry, belief, scratch, settings)
+    kept = _weigh(particles, count, ranges, bearings, belief, scratch, field, settings)
+    numbers[UPDATES] += 1
+    due = settings.selective == 0 or belief.quality[EFFECTIVE_COUNT] < 0.5 * count
+    if due and numbers[UPDATES] % settings.resample_interval == 0:
+        count, k = _resample(particles, count, belief, scratch, bins, limits, field, settings)
+        particles = belief.particles[numbers[CURRENT]]
+    else:
+        k = fill_bins(particles, count, scratch, bins)
+    estimate(
+        particles, belief.weights, count, scratch.bin_of, bins, k, belief.pose, belief.covariance
+    )
+    belief.quality[BEAM_AGREEMENT] = beam_agreement(scratch.beams, kept, belief.pose, field)
+    return True
