@@ -83,7 +83,7 @@ class Outcome:
 
     RMSE in m and rad over the whole drive, ``worst`` the largest position error (m), ``lost``
     whether it was ever lost, ``lost_time`` the share of ticks that it was. ``particles`` and
-    ``effective`` (None where the filter does not say) are means over the updates,
+    ``effective`` (1 / sum of squared weights) are means over the updates,
     ``microseconds`` the median time of one. ``recovery``: seconds by kind of trouble, None where
     it never recovered. ``errors`` (n,) position errors (m).
     """
@@ -98,7 +98,7 @@ class Outcome:
     lost: bool
     lost_time: float
     particles: float
-    effective: float | None
+    effective: float
     microseconds: float
     recovery: dict[str, float | None]
     errors: NDArray[np.float32]
@@ -130,7 +130,7 @@ class Cell:
     lost: Rate
     lost_time: float
     particles: float
-    effective: float | None
+    effective: float
     microseconds: float
     recovered: dict[str, Rate]
     seconds: dict[str, float | None]
@@ -150,7 +150,6 @@ def cell_of(
     """Means over ``outcomes`` of one setting; ``scenario`` and ``pedestrians`` name the cell."""
     first = outcomes[0]
     positions = [o.position_rmse for o in outcomes]
-    effective = [o.effective for o in outcomes if o.effective is not None]
     times = {kind: [o.recovery[kind] for o in outcomes] for kind in first.recovery}
     return Cell(
         setting=first.setting,
@@ -166,7 +165,7 @@ def cell_of(
         lost=Rate(sum(o.lost for o in outcomes), len(outcomes)),
         lost_time=float(np.mean([o.lost_time for o in outcomes])),
         particles=float(np.mean([o.particles for o in outcomes])),
-        effective=float(np.mean(effective)) if effective else None,
+        effective=float(np.mean([o.effective for o in outcomes])),
         microseconds=float(np.median([o.microseconds for o in outcomes])),
         recovered={
             kind: Rate(sum(t is not None for t in each), len(each)) for kind, each in times.items()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +38,13 @@ the cloud is 3 m off and everything else that the filter knows stays. Global: a 
 class Replay:
     """What the filter said after each of n ticks.
 
-    ``estimated`` ``(n, 3)`` poses; ``particles`` (n,) counts, ``effective`` (n,) effective counts
-    or None, ``seconds`` (n,) of wall clock.
+    ``estimated`` ``(n, 3)`` poses; ``particles`` (n,) counts, ``effective`` (n,) effective counts,
+    ``seconds`` (n,) of wall clock.
     """
 
     estimated: Floats
     particles: NDArray[np.int64]
-    effective: Floats | None
+    effective: Floats
     seconds: Floats
 
 
@@ -55,7 +54,7 @@ class Replayer:
     def __init__(
         self, field: LikelihoodMap, config: LocalizationConfig, laser: LaserConfig, task: TaskConfig
     ) -> None:
-        self.filter: Any = AMCL(field, config, laser)
+        self.filter = AMCL(field, config, laser)
         self._lost = task.lost_distance, task.lost_angle
         self._stride = amcl_beam_stride(laser, config)
         self._bearings = beam_bearings(laser)[:: self._stride].astype(np.float32)
@@ -76,18 +75,14 @@ class Replayer:
             lost=bool(lost.any()),
             lost_time=float(lost.mean()),
             particles=float(whole.particles.mean()),
-            effective=None if whole.effective is None else float(whole.effective.mean()),
+            effective=float(whole.effective.mean()),
             microseconds=1e6 * float(np.median(whole.seconds)),
             recovery={
                 kind: recovery_seconds(self.after(kind, drive, seed), drive.tick)
-                for kind in self.troubles()
+                for kind in TROUBLES
             },
             errors=position.astype(np.float32),
         )
-
-    def troubles(self) -> list[str]:
-        """The kinds of trouble that the filter can be put into."""
-        return [k for k in TROUBLES if k != GLOBAL or hasattr(self.filter, "global_localization")]
 
     def whole(self, drive: Drive, seed: int) -> Replay:
         """The drive from its start, which the filter is told."""
@@ -110,7 +105,7 @@ class Replayer:
             self.filter.pose_estimated[:2] += shift
         else:
             self.filter.reset(true, _state(seed, 2), odometry)
-            self.filter.global_localization(_state(seed, 3))
+            self.filter.global_localization()
         position, _ = errors(self._run(drive, half, len(drive.truth)).estimated, drive.truth[half:])
         return position
 
@@ -119,16 +114,14 @@ class Replayer:
         ranges = np.ascontiguousarray(drive.ranges[first:last, :: self._stride])
         estimated, seconds = np.zeros((count, 3)), np.zeros(count)
         particles = np.zeros(count, dtype=np.int64)
-        says = hasattr(self.filter, "effective_count")
-        effective = np.zeros(count) if says else None
+        effective = np.zeros(count)
         for i in range(count):
             started = perf_counter()
             self.filter.update(drive.odometry[first + i], ranges[i], self._bearings)
             seconds[i] = perf_counter() - started
             estimated[i] = self.filter.pose_estimated
             particles[i] = self.filter.count
-            if effective is not None:
-                effective[i] = self.filter.effective_count
+            effective[i] = self.filter.effective_count
         return Replay(estimated, particles, effective, seconds)
 
 

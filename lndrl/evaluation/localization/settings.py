@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from lndrl.config import REPOSITORY_CONFIGS, LocalizationConfig, load_scenario, localization
+from lndrl.config import REPOSITORY_CONFIGS, LocalizationConfig, load_scenario
+from lndrl.config.localization import PRESETS
 from lndrl.errors import UserError
 from lndrl.models import load_yaml, validate
 from lndrl.scenario import Scenario
-
-PRESETS: dict[str, Any] = getattr(localization, "PRESETS", {"paper": {}})
 
 
 def load_settings(name: str) -> LocalizationConfig:
@@ -24,8 +22,7 @@ def load_settings(name: str) -> LocalizationConfig:
         data = load_yaml(Path(name))
         config = validate(LocalizationConfig, data.get("localization", data), name)
     elif name in PRESETS:
-        keys = {"preset": name} if "preset" in LocalizationConfig.model_fields else PRESETS[name]
-        config = validate(LocalizationConfig, keys, f"--settings {name}")
+        config = validate(LocalizationConfig, {"preset": name}, f"--settings {name}")
     else:
         raise UserError(
             f"--settings {name}: unknown; known: {', '.join(PRESETS)}, or give a YAML file of "

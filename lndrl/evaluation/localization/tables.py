@@ -44,7 +44,7 @@ def accuracy_rows(cells: Sequence[Cell]) -> tuple[Row, list[Row]]:
             _rate(cell.lost),
             _percent(cell.lost_time),
             f"{cell.particles:.0f}",
-            _MISSING if cell.effective is None else f"{cell.effective:.0f}",
+            f"{cell.effective:.0f}",
             f"{cell.microseconds:.0f}",
         )
         for cell in cells
@@ -54,16 +54,15 @@ def accuracy_rows(cells: Sequence[Cell]) -> tuple[Row, list[Row]]:
 
 def recovery_rows(cells: Sequence[Cell]) -> tuple[Row, list[Row]]:
     """Head and rows of the recovery table, as text: share and median seconds by trouble."""
-    kinds = [kind for kind in TROUBLES if any(kind in cell.recovered for cell in cells)]
     head = (
-        "scenario", "people", "setting", *(name for kind in kinds for name in (TROUBLES[kind], "s"))
+        "scenario", "people", "setting", *(t for name in TROUBLES.values() for t in (name, "s"))
     )  # fmt: skip
     rows = [
         (
             cell.scenario,
             str(cell.pedestrians),
             cell.setting,
-            *(text for kind in kinds for text in _recovery(cell, kind)),
+            *(text for kind in TROUBLES for text in _recovery(cell, kind)),
         )
         for cell in cells
     ]
@@ -71,8 +70,6 @@ def recovery_rows(cells: Sequence[Cell]) -> tuple[Row, list[Row]]:
 
 
 def _recovery(cell: Cell, kind: str) -> Row:
-    if kind not in cell.recovered:
-        return _MISSING, _MISSING
     seconds = cell.seconds[kind]
     return _rate(cell.recovered[kind]), _MISSING if seconds is None else f"{seconds:.1f}"
 

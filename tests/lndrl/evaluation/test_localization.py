@@ -18,7 +18,7 @@ from lndrl.evaluation.localization.figures import (
     recovery_seconds,
     rmse,
 )
-from lndrl.evaluation.localization.replay import Replayer
+from lndrl.evaluation.localization.replay import TROUBLES, Replayer
 from lndrl.evaluation.localization.report import Plan, measure_localization
 from lndrl.evaluation.localization.settings import scenarios_named, with_pedestrians
 from lndrl.evaluation.localization.tour import RouteMap, Tour
@@ -202,7 +202,8 @@ def test_perfect_sensors_give_small_errors(empty: tuple[Place, RouteMap]) -> Non
     outcome = replayer(place).outcome(drive, 1, "paper", "rooms", 0)
     assert outcome.position_rmse < 0.06 and outcome.yaw_rmse < 0.02
     assert not outcome.lost and outcome.lost_time == 0.0 and outcome.worst < 0.2
-    assert 200 <= outcome.particles <= 400 and outcome.microseconds > 0.0
+    assert 200 <= outcome.particles <= 401 and 100 < outcome.effective <= 401
+    assert outcome.microseconds > 0.0
 
 
 def test_replays_are_deterministic_and_independent_of_what_ran_before(
@@ -211,7 +212,7 @@ def test_replays_are_deterministic_and_independent_of_what_ran_before(
     place, routes = empty
     one, other = replayer(place), replayer(place)
     other.outcome(record_drive(place, routes, WorldConfig(), 2, 100), 2, "", "", 0)
-    for kind in one.troubles():
+    for kind in TROUBLES:
         np.testing.assert_array_equal(one.after(kind, drive, 1), other.after(kind, drive, 1))
     a, b = one.whole(drive, 1), other.whole(drive, 1)
     np.testing.assert_array_equal(a.estimated, b.estimated)
@@ -224,6 +225,7 @@ def test_trouble_starts_three_metres_off(empty: tuple[Place, RouteMap], drive: D
         after = filter.after(kind, drive, 1)
         assert len(after) == len(drive.truth) - drive.halfway
         assert after[0] == pytest.approx(DISPLACEMENT, abs=0.6)
+    assert filter.after("global", drive, 1)[0] > 0.1
 
 
 def test_a_wide_cloud_recovers_from_a_wrong_pose(
@@ -300,7 +302,7 @@ def test_bootstrap_interval_covers_the_mean() -> None:
 def outcome(position: float, lost: bool, told: float | None, seed: int) -> Outcome:
     series = np.zeros(1, np.float32)
     return Outcome("s", "rooms", 5, seed, position, 0.1 * position, 2.0 * position, lost,
-                   0.5 * lost, 500.0, None, 80.0, {"told": told}, series)  # fmt: skip
+                   0.5 * lost, 500.0, 400.0, 80.0, {"told": told}, series)  # fmt: skip
 
 
 def test_a_cell_gathers_its_drives() -> None:
@@ -310,7 +312,7 @@ def test_a_cell_gathers_its_drives() -> None:
     assert (cell.worst, cell.lost.count, cell.lost.episodes) == (4.0, 1, 3)
     assert cell.lost_time == pytest.approx(1 / 6)
     assert cell.recovered["told"].count == 2 and cell.seconds["told"] == 6.0
-    assert cell.effective is None
+    assert cell.effective == 400.0
 
 
 def test_settings_hear_the_same_drives_and_workers_change_nothing() -> None:

@@ -51,7 +51,7 @@ def test_json_alone_on_stdout(files: tuple[str, str, str], capsys) -> None:
         (0, "few"), (0, "wide"), (2, "few"), (2, "wide")]  # fmt: skip
     cell = data["cells"][0]
     assert cell["lost"]["count"] == 0 and 0.0 < cell["position_rmse"] < 0.3
-    assert set(cell["recovered"]) >= {"told", "carried"}
+    assert set(cell["recovered"]) == {"told", "carried", "global"}
     assert data["machine"]["cores"] >= 1
     assert "8 of 8 replays" in err
 
@@ -86,6 +86,7 @@ def test_a_new_document_can_be_written_again(tmp_path: Path) -> None:
 
 def test_the_paper_s_settings_are_the_defaults() -> None:
     assert load_settings("paper") == LocalizationConfig()
+    assert load_settings("best").odom_model_type == "diff-corrected"
 
 
 @pytest.mark.parametrize(
@@ -94,6 +95,7 @@ def test_the_paper_s_settings_are_the_defaults() -> None:
         (["--scenarios", "hybird"], "did you mean hybrid?"),
         (["--scenarios", ","], "--scenarios"),
         (["--settings", "worst"], "--settings worst: unknown; known: paper"),
+        (["--settings", "perfect"], "perfect has no errors"),
         (["--settings", "none.yaml"], "none.yaml: no such file"),
         (["--settings", "paper,paper"], "paper is named twice"),
         (["--seeds", "0"], "--seeds 0: must be 1 or more"),
