@@ -98,6 +98,10 @@ class NavigationBatch:
         tracks.steps[world] = 0
         tracks.outcome[world] = RUNNING
         drive_worlds(self.machine, world, self._still, 0)
+        self.observe(world)
+
+    def observe(self, world: int) -> None:
+        """Rewrite the observation of ``world``; nothing is paid."""
         judge_worlds(self.machine, world, 1, True)
 
 

@@ -118,10 +118,10 @@ def test_goal_never_depends_on_the_truth() -> None:
     navigation.step(0.2, 0.3)
     before = navigation.observation.copy()
     navigation.world.pose_true += [1.0, -0.7, 0.8]
-    navigation._observe()
+    navigation.batch.observe(0)
     np.testing.assert_array_equal(navigation.observation.goal, before.goal)
     navigation.localization.pose_estimated[:] += [0.5, 0.0, 0.1]
-    navigation._observe()
+    navigation.batch.observe(0)
     assert np.abs(navigation.observation.goal[:3] - before.goal[:3]).max() > 0.05
 
 
@@ -130,7 +130,7 @@ def test_people_are_seen_relative_to_the_true_robot() -> None:
     world = navigation.world
     world.pose_true[:] = [*(world.pedestrian_position[0] - [1.0, 0.0]), 0.0]
     navigation.localization.pose_estimated[:] += 5.0
-    navigation._observe()
+    navigation.batch.observe(0)
     rows = navigation.observation.pedestrians[: int(navigation.observation.pedestrian_count)]
     expected = [1.0, 0.0, *world.pedestrian_velocity[0]]
     assert np.abs(rows - expected).max(axis=1).min() < 1e-6
