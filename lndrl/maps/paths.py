@@ -19,7 +19,7 @@ from lndrl.maps.raycast import sample_field
 Floats = NDArray[np.float64]
 
 _SPACING = 0.15  # m between nodes
-_MOST_NODES = 400_000  # beyond, nodes lie farther apart
+_MOST_NODES = 250_000  # beyond, nodes lie farther apart
 _SHY = 3.0  # a metre right at a wall costs as much as this many more
 _OFFSETS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows up, columns right
 
@@ -70,10 +70,15 @@ class Roadmap:
             out[i] = np.argmin(((self.nodes - point) ** 2).sum(axis=1))
         return out
 
-    def search(self, sources: NDArray[np.intp]) -> tuple[Floats, NDArray[np.int32]]:
-        """Cost (n, N) from each source node to all, inf where no path leads, and the way back."""
+    def search(
+        self, sources: NDArray[np.intp], limit: float = np.inf
+    ) -> tuple[Floats, NDArray[np.int32]]:
+        """Cost (n, N) from each source node to all and the way back.
+
+        inf where no path leads that costs at most ``limit``: metres, more of them near walls.
+        """
         cost, before = dijkstra(
-            self._graph, directed=False, indices=sources, return_predecessors=True
+            self._graph, directed=False, indices=sources, return_predecessors=True, limit=limit
         )
         return cost, before
 

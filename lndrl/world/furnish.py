@@ -26,6 +26,7 @@ _FLOOR_PER_PERSON = 6.0  # m²; denser crowds than the paper's only push
 _REGION_SIDE = 2.0  # m
 _SHORTEST_ROUTE = 4.0  # m
 _DETOURS = (1.1, 1.2, 1.3, 1.5)  # of ways to goals; the least that leaves enough to choose from
+_FAR = 3.0  # straight lines; the farthest that the robot's ways are searched
 _MOST_TASKS = 12
 _SHORTEST_TASK = 2.0  # m
 
@@ -166,11 +167,17 @@ def _choose_tasks(
 ) -> list[RobotTask]:
     """The pairs with little detour, every region as often as any other."""
     nodes = roadmap.nearest(_centres(boxes))
-    _, before = roadmap.search(nodes)
+    # On a large map a search of everything takes long, and longer ways are wanted by nobody.
+    cost, before = roadmap.search(nodes, _FAR * max(straight[a, b] for a, b in pairs))
+    near = [(a, b) for a, b in pairs if np.isfinite(cost[a, nodes[b]])]
+    if not near:
+        _, before = roadmap.search(nodes)
+        near = pairs
     detour = {
         (a, b): path_length(roadmap.trace(before[a], int(nodes[b]))) / straight[a, b]
-        for a, b in pairs
+        for a, b in near
     }
+    pairs = near
     left: list[tuple[int, int]] = []
     for most in _DETOURS:
         if len(left) < _MOST_TASKS:
