@@ -65,7 +65,7 @@ def _drive(environment: VectorNavigation, actions: RandomActions, seconds: float
 
 
 def _split(environment: VectorNavigation, whole: float, seconds: float) -> dict[str, float]:
-    batch = environment._batch
+    batch = environment.worlds[0].batch
     world, shared = batch.world, batch.shared
     generator = np.random.default_rng(0)
     drawn = generator.integers(len(environment.actions), size=(_STEPS, len(environment)))
@@ -131,7 +131,7 @@ def _starts(environment: VectorNavigation) -> float:
 
 
 def _megabytes(environment: VectorNavigation) -> float:
-    batch = environment._batch
+    batch = environment.worlds[0].batch
     states = (batch.world.robots, batch.world.people, batch.beliefs, batch.tracks)
     arrays = [array for state in states for array in state]
     arrays += vars(batch.observation).values()

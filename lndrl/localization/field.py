@@ -22,7 +22,8 @@ def obstacle_distance(grid: OccupancyGrid, config: LocalizationConfig) -> NDArra
     laser really ends. At most ``laser_likelihood_max_dist``, which is also the value of a map
     without obstacles.
     """
-    occupied, resolution = grid.occupied, grid.resolution
+    # Unknown cells stop the simulated laser, but no map says that something stands there.
+    occupied, resolution = grid.mapped, grid.resolution
     farthest = config.laser_likelihood_max_dist
     if not occupied.any():
         return np.full(occupied.shape, farthest)

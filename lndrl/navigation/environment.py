@@ -52,7 +52,7 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
         self.navigation = Navigation(*build_surroundings(config), config, world_id)
         self._actions = action_table(config.task)
         self.action_space = spaces.Discrete(len(self._actions))
-        self.observation_space = _observation_space(config)
+        self.observation_space = _observation_space(config, self.navigation.place.grid.size)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -105,10 +105,12 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
         }
 
 
-def _observation_space(config: RunConfig) -> spaces.Space[ObservationDict]:
+def _observation_space(
+    config: RunConfig, size: tuple[float, float]
+) -> spaces.Space[ObservationDict]:
     task = config.task
     # A lost estimate may leave the place by a little; ten times its extent is never reached.
-    far = 10.0 * sum(config.scenario.size)
+    far = 10.0 * sum(size)
     speed = 10.0  # m/s, more than anybody walks
     low = np.full((3, task.map_cells, task.map_cells), -speed, np.float32)
     low[0] = 0.0

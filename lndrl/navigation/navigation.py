@@ -22,13 +22,27 @@ from lndrl.navigation.observation import Observation, dequantise
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import Stream, episode_states
-from lndrl.world import Place, World
+from lndrl.world import Place, World, layout_number
+
+EPISODES_PER_LAYOUT = 50
+"""Episodes that a world spends in one layout of a random scenario before it moves on."""
 
 
-def build_surroundings(config: RunConfig) -> tuple[Place, LikelihoodMap]:
-    """What all worlds of a process share; raises UserError for an impossible scenario."""
-    place = Place.build(config.scenario, config.world.robot_radius)
+def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, LikelihoodMap]:
+    """What all worlds of a process share, for a random scenario in ``layout``.
+
+    Raises UserError for an impossible scenario.
+    """
+    place = Place.build(config.scenario, config.world.robot_radius, layout)
     return place, LikelihoodMap.build(place.grid, config.localization)
+
+
+def layout_of(config: RunConfig, world_id: int, episode: int) -> int:
+    """The layout that an episode of a world is played in; 0 unless the scenario is random."""
+    if config.scenario.kind != "random":
+        return 0
+    era = episode // EPISODES_PER_LAYOUT
+    return layout_number(config.scenario, config.seed, world_id + (era << 40))
 
 
 @dataclass(slots=True)
@@ -69,6 +83,7 @@ class Navigation:
             if observation is None:
                 observation = Observation.zeros_for((), config)
             batch = NavigationBatch(place, field, config, 1, observation.reshape(1))
+        self._layout = 0
         self._settle(batch, index)
 
     def _settle(self, batch: NavigationBatch, index: int) -> None:
@@ -97,6 +112,13 @@ class Navigation:
         self._tally = EpisodeTally(self.track)
         self._command = np.zeros((1, 2))
 
+    def _move_to(self, layout: int) -> None:
+        """Live in another layout from now on, in memory of its own."""
+        place, field = build_surroundings(self.config, layout)
+        row = self.observation.reshape(1)
+        self._settle(NavigationBatch(place, field, self.config, 1, row), 0)
+        self._layout = layout
+
     @property
     def steps(self) -> int:
         """Control steps taken in the episode."""
@@ -110,6 +132,9 @@ class Navigation:
     def reset(self, episode: int | None = None) -> None:
         """Start ``episode``, by default the one after the last; observes the start."""
         self.episode = self.episode + 1 if episode is None else episode
+        layout = layout_of(self.config, self.world_id, self.episode)
+        if layout != self._layout:
+            self._move_to(layout)
         states = episode_states(self.seed, self.world_id, self.episode)
         self.world.reset(self.seed, self.world_id, self.episode, states)
         self.localization.reset(self.world.start_pose, states[Stream.LOCALIZATION])
@@ -153,7 +178,7 @@ class Navigation:
         seen = self.steps + 1
         return WorldSnapshot(
             scenario=config.scenario.name,
-            size=config.scenario.size,
+            size=grid.size,
             occupied=grid.occupied.copy(),
             resolution=grid.resolution,
             origin=grid.origin,

@@ -58,9 +58,20 @@ class VectorNavigation:
         self.on_end: Callable[[Navigation, EpisodeRecord], None] | None = None
         self._final = Observation.zeros_for(worlds, config)
         place, field = surroundings or build_surroundings(config)
-        self._batch = NavigationBatch(place, field, config, worlds, self.observation)
+        # In a random scenario every world has a place of its own, and so memory of its own.
+        self._batch: NavigationBatch | None = None
+        if config.scenario.kind != "random":
+            self._batch = NavigationBatch(place, field, config, worlds, self.observation)
         self.worlds = [
-            Navigation(place, field, config, first_world + i, batch=self._batch, index=i)
+            Navigation(
+                place,
+                field,
+                config,
+                first_world + i,
+                self.observation.take((i, Ellipsis)),
+                self._batch,
+                i,
+            )
             for i in range(worlds)
         ]
         self.reset_all()
@@ -85,11 +96,10 @@ class VectorNavigation:
         number = len(self.worlds)
         if velocities.shape != (number, 2):
             raise ValueError(f"expected commands for {number} worlds, not {velocities.shape}")
-        self._batch.drive(np.ascontiguousarray(velocities, dtype=np.float64))
-        self._batch.judge()
-        outcome = self._batch.tracks.outcome[:, 0]
+        self._run(np.ascontiguousarray(velocities, dtype=np.float64))
+        outcome = np.array([world.track.outcome[0] for world in self.worlds])
         result = StepResult(
-            reward=self._batch.tracks.reward[:, 0].astype(np.float32),
+            reward=np.array([world.track.reward[0] for world in self.worlds], np.float32),
             terminated=(outcome != RUNNING) & (outcome != TIMEOUT),
             truncated=outcome == TIMEOUT,
             final_observation=self._final,
@@ -98,6 +108,16 @@ class VectorNavigation:
         for i in np.flatnonzero(outcome).tolist():
             self._end(i, result)
         return result
+
+    def _run(self, commands: NDArray[np.float64]) -> None:
+        """One control step of all worlds, in one go where they share a place."""
+        if self._batch is not None:
+            self._batch.drive(commands)
+            self._batch.judge()
+            return
+        for i, world in enumerate(self.worlds):
+            world.batch.drive(commands[i : i + 1])
+            world.batch.judge()
 
     def _end(self, i: int, result: StepResult) -> None:
         """Write down world ``i``'s episode, which has ended, and start its next one."""

@@ -11,27 +11,30 @@ from typing import Literal
 import numpy as np
 from numba import njit
 
+from lndrl.world.orca_walls import tile_of
+
 Hit = Literal["", "wall", "pedestrian"]
 HITS: tuple[Hit, Hit, Hit] = ("", "wall", "pedestrian")
 """What the numbers that ``contact`` returns mean."""
 NOTHING, WALL, PEDESTRIAN = range(3)
 
-_SLACK = 3.0  # cells; outlines and cells differ by less
-
 
 @njit(cache=True, nogil=True, _nrt=False)
 def wall_gap(x, y, walls):
-    """Metres from a point to the nearest of ``walls`` (S, 4) [x0, y0, x1, y1] (m); inf for none."""
+    """Metres from a point to the nearest edge of ``walls`` (``Walls``) within their reach."""
     nearest2 = np.inf
-    for i in range(len(walls)):
-        along_x = walls[i, 2] - walls[i, 0]
-        along_y = walls[i, 3] - walls[i, 1]
-        from_x = x - walls[i, 0]
-        from_y = y - walls[i, 1]
-        length2 = along_x * along_x + along_y * along_y
-        share = 0.0
-        if length2 > 0.0:
-            share = min(max((from_x * along_x + from_y * along_y) / length2, 0.0), 1.0)
+    tile = tile_of(x, y, walls.rows, walls.columns, walls.left, walls.bottom)
+    if tile < 0:
+        return nearest2
+    edges = walls.edges
+    for m in range(walls.starts[tile], walls.starts[tile + 1]):
+        i = walls.members[m]
+        along_x = edges[i, 2] - edges[i, 0]
+        along_y = edges[i, 3] - edges[i, 1]
+        from_x = x - edges[i, 0]
+        from_y = y - edges[i, 1]
+        share = (from_x * along_x + from_y * along_y) / (along_x * along_x + along_y * along_y)
+        share = min(max(share, 0.0), 1.0)
         dx = from_x - share * along_x
         dy = from_y - share * along_y
         nearest2 = min(nearest2, dx * dx + dy * dy)
@@ -42,9 +45,9 @@ def wall_gap(x, y, walls):
 def contact(pose, legs, walls, distance, inverse_resolution, robot_radius, leg_radius):
     """What the robot's disc at ``pose`` touches: NOTHING, WALL or PEDESTRIAN.
 
-    ``legs`` (L, 2) centres (m); ``walls`` as in ``wall_gap``; ``distance`` is the map's field (m),
-    which spares the walls wherever they are far. Off the grid is a wall. Where it touches both,
-    the one it overlaps more.
+    ``legs`` (L, 2) centres (m); ``walls`` the outlines as ``Walls`` with a reach of
+    ``robot_radius`` or more; ``distance`` the map's field (m), 0 inside of solids. Off the grid is
+    a wall. Where it touches both, the one it overlaps more.
     """
     overlap = -1.0
     hit = NOTHING
@@ -63,11 +66,10 @@ def contact(pose, legs, walls, distance, inverse_resolution, robot_radius, leg_r
     row = np.floor(pose[1] * inverse_resolution)
     if not (0.0 <= row < rows and 0.0 <= column < columns):
         return WALL
-    if distance[int(row), int(column)] <= robot_radius + _SLACK / inverse_resolution:
-        depth = robot_radius - wall_gap(pose[0], pose[1], walls)
-        if distance[int(row), int(column)] == 0.0:
-            # The centre itself is inside something solid, where outlines are only its border.
-            depth = 2.0 * robot_radius - max(depth, 0.0)
-        if depth >= 0.0 and depth > overlap:
-            hit = WALL
+    depth = robot_radius - wall_gap(pose[0], pose[1], walls)
+    if distance[int(row), int(column)] == 0.0:
+        # The centre itself is inside something solid, where outlines are only its border.
+        depth = 2.0 * robot_radius - max(depth, 0.0)
+    if depth >= 0.0 and depth > overlap:
+        hit = WALL
     return hit

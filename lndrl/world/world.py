@@ -15,6 +15,7 @@ from lndrl.world import people as crowd_arrays
 from lndrl.world.contacts import HITS, Hit, contact
 from lndrl.world.laser import Fan, ScanScratch, make_fan, make_scan_scratch, noisy_scan
 from lndrl.world.odometry import move_robot
+from lndrl.world.orca_walls import Walls, build_walls
 from lndrl.world.pedestrians import advance_people, place_legs, walls_for
 from lndrl.world.people import CrowdParameters, People, Surroundings, make_people
 from lndrl.world.place import Place
@@ -28,7 +29,7 @@ class Setting(NamedTuple):
     """What kernels need to know of a place and of how things move in it; never changed."""
 
     surroundings: Surroundings
-    outlines: Floats  # (S, 4) wall segments, for contacts
+    solid: Walls  # outlines that the robot can touch
     crowd: CrowdParameters
     rays: RayMap
     fan: Fan
@@ -56,7 +57,7 @@ def tick_inline(robot, people, setting, scratch):
     robot.contact[0] = contact(
         robot.pose,
         people.legs[: 2 * people.count[0]],
-        setting.outlines,
+        setting.solid,
         setting.surroundings.distance,
         setting.surroundings.inverse_resolution,
         setting.robot_radius,
@@ -89,7 +90,7 @@ class WorldBatch:
         self.routes: Routes = make_routes(pedestrians)
         self.setting = Setting(
             surroundings=Surroundings(place.distance, 1.0 / place.grid.resolution, walls),
-            outlines=place.walls,
+            solid=build_walls(place.outlines, float(config.robot_radius)),
             crowd=CrowdParameters.of(config.crowd, config.tick),
             rays=place.rays,
             fan=make_fan(config.laser),

@@ -7,6 +7,7 @@ import pytest
 from lndrl.scenario import Scenario
 from lndrl.world import Place
 from lndrl.world.contacts import HITS, contact
+from lndrl.world.orca_walls import build_walls
 
 SCENARIO = Scenario.model_validate(
     {
@@ -22,12 +23,13 @@ SCENARIO = Scenario.model_validate(
     }
 )
 PLACE = Place.build(SCENARIO)
+WALLS = build_walls(PLACE.outlines, 0.17)
 
 
 def touch(x, y, legs=()):
     legs = np.array(legs, dtype=float).reshape(-1, 2)
     pose = np.array([x, y, 0.0])
-    return HITS[contact(pose, legs, PLACE.walls, PLACE.distance, 20.0, 0.17, 0.1)]
+    return HITS[contact(pose, legs, WALLS, PLACE.distance, 20.0, 0.17, 0.1)]
 
 
 @pytest.fixture(scope="module")
