@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from lndrl.evaluation.localization import Outcome, Report
 
 _COLOURS = (VERMILLION, BLUE, GREEN, PINK, ORANGE, SKY, SLATE)
-_LOWEST, _HIGHEST = 0.005, 40.0  # m
+_LOWEST, _HIGHEST = 0.001, 40.0  # m
 _SHADES = 96
-_TICKS = (0.01, 0.1, 1.0, 10.0)
+_TICKS = (0.001, 0.01, 0.1, 1.0, 10.0)
 
 
 def save_localization(report: Report, path: Path | str, dpi: int = 100) -> None:
