@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from PIL import Image
 
 from lndrl.view.palette import BLUE, GREEN, INK, ORANGE, PAPER, PINK, SKY, SLATE, VERMILLION
 
@@ -18,8 +20,9 @@ if TYPE_CHECKING:
     from lndrl.evaluation.localization import Outcome, Report
 
 _COLOURS = (VERMILLION, BLUE, GREEN, PINK, ORANGE, SKY, SLATE)
-_LOWEST, _HIGHEST = 0.005, 40.0  # m
-_TICKS = (0.01, 0.1, 1.0, 10.0)
+_LOWEST, _HIGHEST = 0.001, 40.0  # m
+_SHADES = 96
+_TICKS = (0.001, 0.01, 0.1, 1.0, 10.0)
 
 
 def save_localization(report: Report, path: Path | str, dpi: int = 100) -> None:
@@ -46,7 +49,10 @@ def save_localization(report: Report, path: Path | str, dpi: int = 100) -> None:
     figure.legend(
         handles, names, loc="outside upper right", ncols=len(names), frameon=False, fontsize=10
     )
-    figure.savefig(path, dpi=dpi)
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png", dpi=dpi)
+    # Hundreds of dots and lines: as true colour the picture is three times as large.
+    Image.open(drawn).convert("RGB").quantize(_SHADES).save(path, format="png", optimize=True)
 
 
 def _draw_drives(
