@@ -13,7 +13,7 @@ from numba import njit
 from lndrl.localization.resampling import recovery_chance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def injection_chance(averages, tolerance, persistent):
     """Chance that a drawn particle is random: ``max(0, 1 - tolerance * w_fast / w_slow)``.
 

@@ -20,7 +20,7 @@ from lndrl.randomness import uniform
 GOLDEN = 0.6180339887498949
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def locate(cumulative, guide, count, total, u):
     """First index whose cumulative weight exceeds ``u`` (in [0, 1)) of ``total``."""
     i = np.int64(guide[np.int64(u * count)])
@@ -30,7 +30,7 @@ def locate(cumulative, guide, count, total, u):
     return i
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def resample_systematic(
     source, weights, count, target, scratch, bins, limits, chance, field, state
 ):

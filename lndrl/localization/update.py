@@ -43,7 +43,7 @@ from lndrl.localization.systematic import resample_systematic
 _FARTHEST_JUMP = 1000.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _begin(belief):
     """A full set of equal weights, nothing remembered; returns its size."""
     count = belief.weights.size
@@ -56,7 +56,7 @@ def _begin(belief):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def reset_belief(start, spread, belief, scratch, bins):
     """Draw the full set around ``start`` [x, y, yaw] with deviations ``spread`` (m, m, rad).
 
@@ -68,7 +68,7 @@ def reset_belief(start, spread, belief, scratch, bins):
     summarise(belief, scratch, bins)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def spread_belief(belief, scratch, bins, field):
     """Draw the full set uniformly over the free cells and all headings."""
     count = _begin(belief)
@@ -77,7 +77,7 @@ def spread_belief(belief, scratch, bins, field):
     summarise(belief, scratch, bins)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def summarise(belief, scratch, bins):
     """Estimate and covariance of the current set as it is."""
     count = belief.numbers[COUNT]
@@ -88,7 +88,7 @@ def summarise(belief, scratch, bins):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def fill_bins(particles, count, scratch, bins):
     """Sort ``count`` particles into emptied ``bins``; returns the number of occupied ones."""
     bin_keys(particles, count, bins, scratch.keys)
@@ -99,7 +99,7 @@ def fill_bins(particles, count, scratch, bins):
     return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _gate(new, belief, settings):
     """Whether the odometry pose asks for an update; counts poses that cannot be true."""
     old = belief.odometry
@@ -113,7 +113,7 @@ def _gate(new, belief, settings):
     return dx > settings.update_min_d or dy > settings.update_min_d or turn > settings.update_min_a
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _predict(particles, count, new, belief, scratch, settings):
     rotation1, translation, rotation2 = decompose(belief.odometry, new)
     spread = deviations(rotation1, translation, rotation2, settings.alpha)
@@ -121,10 +121,11 @@ def _predict(particles, count, new, belief, scratch, settings):
         spread = (math.sqrt(spread[0]), math.sqrt(spread[1]), math.sqrt(spread[2]))
     draw_noise(scratch.noise, count, spread, belief.random)
     move(particles, count, (rotation1, translation, rotation2), scratch.noise)
-    belief.odometry[:] = new
+    for k in range(3):
+        belief.odometry[k] = new[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _weigh_sums(weights, likelihood, count):
     """Multiply ``weights`` by the likelihoods and normalise them; returns their sum before."""
     total = 0.0
@@ -139,7 +140,7 @@ def _weigh_sums(weights, likelihood, count):
     return total / count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings):
     """Weigh by the scan; returns the number of beams with an echo, all in ``scratch.beams``."""
     kept, broken = beam_ends(ranges, bearings, settings.range_max, field.resolution, scratch.beams)
@@ -175,7 +176,7 @@ def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings)
     return kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _resample(particles, count, belief, scratch, bins, limits, field, settings):
     """Draw the other set from this one; returns its size and number of occupied bins."""
     chance = injection_chance(
@@ -200,7 +201,7 @@ def _resample(particles, count, belief, scratch, bins, limits, field, settings):
     return count, k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def update_belief(odometry, ranges, bearings, belief, scratch, bins, limits, field, settings):
     """Take in an odometry pose (3,) and a scan (float32, (n,) each); False at a closed gate."""
     if not _gate(odometry, belief, settings):

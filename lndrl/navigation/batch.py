@@ -14,7 +14,7 @@ from lndrl.localization.bins import make_bins
 from lndrl.localization.resampling import kld_limits
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.reward import reward_weights
-from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds
+from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
 from lndrl.navigation.track import RUNNING, make_tracks
 from lndrl.world import Place, WorldBatch, beam_bearings
 
@@ -66,7 +66,7 @@ class NavigationBatch:
         )
         self.task = _task(config)
         shown = observation
-        self.machine = Machine(
+        machine = Machine(
             self.world.robots,
             self.world.people,
             self.beliefs,
@@ -77,6 +77,7 @@ class NavigationBatch:
             self.shared,
             self.task,
         )
+        self._packed = pack(machine)
         self.worlds = worlds
         self._still = np.zeros((1, 2))
 
@@ -84,11 +85,11 @@ class NavigationBatch:
         """Drive and sense for one control step; ``commands`` (n, 2) go to n worlds from ``first``
         on.
         """
-        drive_worlds(self.machine, first, commands, self.task.ticks)
+        drive_worlds(self._packed, first, commands, self.task.ticks)
 
     def judge(self, first: int = 0, worlds: int | None = None) -> None:
         """Observe, pay and judge what ``worlds`` worlds (all) from ``first`` on have driven."""
-        judge_worlds(self.machine, first, self.worlds if worlds is None else worlds, False)
+        judge_worlds(self._packed, first, self.worlds if worlds is None else worlds, False)
 
     def begin(self, world: int) -> None:
         """Begin the episode that ``world`` and its filter have been reset for: sense, observe."""
@@ -97,12 +98,12 @@ class NavigationBatch:
         tracks.distance[world] = 0.0
         tracks.steps[world] = 0
         tracks.outcome[world] = RUNNING
-        drive_worlds(self.machine, world, self._still, 0)
+        drive_worlds(self._packed, world, self._still, 0)
         self.observe(world)
 
     def observe(self, world: int) -> None:
         """Rewrite the observation of ``world``; nothing is paid."""
-        judge_worlds(self.machine, world, 1, True)
+        judge_worlds(self._packed, world, 1, True)
 
 
 def _task(config: RunConfig) -> Task:

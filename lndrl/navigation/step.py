@@ -9,24 +9,27 @@ compiles and optimises whatever a function calls once more for that function.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
-from numba.experimental import structref
+from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.localization.belief import Belief, Field, Settings
 from lndrl.localization.belief import Scratch as FilterScratch
 from lndrl.localization.bins import Bins
 from lndrl.localization.update import update_belief
+from lndrl.maps.edges import FaceScratch, RayMap
 from lndrl.navigation.observation import _quantise, goal_vector, pedestrians_in_view
 from lndrl.navigation.reward import judge
 from lndrl.navigation.track import ARRIVED, COLLIDED, LOST, RUNNING, TIMEOUT, Track
-from lndrl.world.laser import noisy_scan
-from lndrl.world.people import People
+from lndrl.world.laser import Fan, ScanScratch, noisy_scan
+from lndrl.world.orca_walls import Walls
+from lndrl.world.people import CrowdParameters, People, Surroundings
+from lndrl.world.people import Scratch as CrowdScratch
 from lndrl.world.robot import Robot, take_command
-from lndrl.world.world import tick_inline
+from lndrl.world.world import Scratch as WorldScratch
+from lndrl.world.world import Setting, tick_inline
 
 Floats = NDArray[np.float64]
 
@@ -66,28 +69,53 @@ class Views(NamedTuple):
     goal: NDArray[np.float32]
 
 
-@structref.register
-class _MachineType(types.StructRef):
-    pass
+class Machine(NamedTuple):
+    """Everything that the worlds of one place are and share, for ``pack``."""
+
+    robots: Robot  # rows by world, like the next four
+    people: People
+    beliefs: Belief
+    tracks: Track
+    views: Views
+    setting: Setting
+    scratch: WorldScratch
+    shared: Filter
+    task: Task
 
 
-class Machine(structref.StructRefProxy):
-    """Everything that the worlds of one place are and share, under one handle.
+def pack(arguments: Any) -> Any:
+    """NamedTuples within NamedTuples to plain tuples.
 
-    ``robots``, ``people``, ``beliefs``, ``tracks``, ``views``: rows by world; ``setting``,
-    ``scratch``, ``shared`` (``Filter``), ``task``: shared. Taking a hundred arrays out of tuples
-    costs a call from Python more than a scan; a handle costs next to nothing.
+    numba looks at every NamedTuple of a call from Python for about 4 us, at a hundred arrays in
+    plain tuples for 10 in all.
     """
+    return tuple(map(pack, arguments)) if isinstance(arguments, tuple) else arguments
 
 
-structref.define_proxy(
-    Machine,
-    _MachineType,
-    [
-        "robots", "people", "beliefs", "tracks", "views",
-        "setting", "scratch", "shared", "task",
-    ],
-)  # fmt: skip
+@njit(inline="always")
+def _setting(packed):
+    around = packed[0]
+    return Setting(
+        Surroundings(around[0], around[1], Walls(*around[2])), Walls(*packed[1]),
+        CrowdParameters(*packed[2]), RayMap(*packed[3]), Fan(*packed[4]),
+        packed[5], packed[6], packed[7], packed[8],
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def _scratch(packed):
+    laser = packed[1]
+    return WorldScratch(
+        CrowdScratch(*packed[0]), ScanScratch(laser[0], laser[1], FaceScratch(*laser[2]))
+    )
+
+
+@njit(inline="always")
+def _shared(packed):
+    return Filter(
+        FilterScratch(*packed[0]), Bins(*packed[1]), packed[2], Field(*packed[3]),
+        Settings(*packed[4]), packed[5], packed[6], packed[7], packed[8],
+    )  # fmt: skip
 
 
 @njit(inline="always")
@@ -138,13 +166,14 @@ def _begin(robot, belief, track, v, w, deviation):
 def drive_worlds(machine, first, commands, ticks):
     """``ticks`` ticks of the worlds from ``first`` on, with ``commands`` (W, 2): m/s, rad/s.
 
+    ``machine`` is a packed ``Machine``.
+
     After every tick the filter hears odometry and laser; a collision ends a world's drive. The
     last scan is a full one. 0 ticks only sense, as an episode's start does.
     """
-    setting, scratch, shared = machine.setting, machine.scratch, machine.shared
-    robots, crowds, beliefs, tracks = (
-        machine.robots, machine.people, machine.beliefs, machine.tracks
-    )  # fmt: skip
+    robots, crowds = Robot(*machine[0]), People(*machine[1])
+    beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
+    setting, scratch, shared = _setting(machine[5]), _scratch(machine[6]), _shared(machine[7])
     for world in range(first, first + len(commands)):
         robot, people = _robot(robots, world), _people(crowds, world)
         belief, track = _belief(beliefs, world), _track(tracks, world)
@@ -184,14 +213,12 @@ def drive_worlds(machine, first, commands, ticks):
 
 
 @njit(inline="always")
-def _observe(machine, i):
+def _observe(robots, people, beliefs, tracks, views, task, i):
     """Write what world ``i`` shows to its row of the views."""
-    robots, people, views, task = machine.robots, machine.people, machine.views, machine.task
-    variance = machine.tracks.variance[i]
     count = people.count[i, 0]
-    _quantise(machine.tracks.scan[i], task.scan_scale, views.scan[i])
+    _quantise(tracks.scan[i], task.scan_scale, views.scan[i])
     goal_vector(
-        machine.beliefs.pose[i], variance, robots.goal[i], robots.start[i, 2],
+        beliefs.pose[i], tracks.variance[i], robots.goal[i], robots.start[i, 2],
         task.variance_limit, views.goal[i],
     )  # fmt: skip
     views.pedestrian_count[i] = pedestrians_in_view(
@@ -201,25 +228,14 @@ def _observe(machine, i):
 
 
 @njit(inline="always")
-def _note_path(machine, i):
-    """Write down where the robot is and where it believes to be after so many steps."""
-    step = machine.tracks.steps[i, 0]
-    for k in range(2):
-        machine.tracks.path[i, step, k] = machine.robots.pose[i, k]
-        machine.tracks.path_estimated[i, step, k] = machine.beliefs.pose[i, k]
-
-
-@njit(inline="always")
-def _conclude(machine, i):
+def _pay(robots, beliefs, tracks, task, i):
     """Pay the step and see whether it ends the episode: collided, lost, arrived or timeout."""
-    robots, tracks, task = machine.robots, machine.tracks, machine.task
     collided = robots.contact[i, 0] != 0
     tracks.reward[i, 0], lost, arrived = judge(
-        tracks.before[i], robots.pose[i], machine.beliefs.pose[i], tracks.variance[i],
+        tracks.before[i], robots.pose[i], beliefs.pose[i], tracks.variance[i],
         robots.goal[i], collided, task.limits, task.weights, tracks.parts[i], tracks.sums[i],
     )  # fmt: skip
     tracks.steps[i, 0] += 1
-    _note_path(machine, i)
     if collided:
         outcome = COLLIDED
     elif lost:
@@ -235,11 +251,17 @@ def _conclude(machine, i):
 def judge_worlds(machine, first, worlds, begun):
     """Observe ``worlds`` worlds from ``first`` on, and pay and judge what they have just driven.
 
-    Where ``begun`` is true they have only started: there is nothing to pay.
+    ``machine`` is a packed ``Machine``. Where ``begun`` is true the worlds have only started:
+    there is nothing to pay.
     """
+    robots, people = Robot(*machine[0]), People(*machine[1])
+    beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
+    views, task = Views(*machine[4]), Task(*machine[8])
     for i in range(first, first + worlds):
-        _observe(machine, i)
-        if begun:
-            _note_path(machine, i)
-        else:
-            _conclude(machine, i)
+        _observe(robots, people, beliefs, tracks, views, task, i)
+        if not begun:
+            _pay(robots, beliefs, tracks, task, i)
+        step = tracks.steps[i, 0]
+        for k in range(2):
+            tracks.path[i, step, k] = robots.pose[i, k]
+            tracks.path_estimated[i, step, k] = beliefs.pose[i, k]

@@ -22,8 +22,8 @@ from lndrl.world.people import (
     SFM,
     CrowdParameters,
     People,
+    Scratch,
     Surroundings,
-    Workplace,
     make_people,
     make_scratch,
 )
@@ -77,7 +77,7 @@ class Crowd:
         self.legs = self.people.legs
         self.scratch = make_scratch(capacity, config, self.walls)
         self._distance: NDArray[np.float32] | None = None
-        self._workplace: Workplace | None = None
+        self._workplace: tuple[Any, ...] = ()
 
     @property
     def count(self) -> int:
@@ -114,8 +114,13 @@ class Crowd:
         distance field (float32, origin (0, 0)).
         """
         if self._distance is not distance:
-            around = Surroundings(distance, inverse_resolution, self.walls)
-            self._workplace = Workplace(self.people, around, self.parameters, self.scratch)
+            # Plain tuples: numba looks at a NamedTuple of a call from Python for about 4 us.
+            self._workplace = (
+                tuple(self.people),
+                (distance, inverse_resolution, tuple(self.walls)),
+                tuple(self.parameters),
+                tuple(self.scratch),
+            )
             self._distance = distance
         _advance(self._workplace, robot_pose, robot_command)
 
@@ -390,11 +395,9 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
 
 @njit(cache=True, nogil=True)
 def _advance(workplace, robot_pose, robot_command):
+    people, around, parameters, scratch = workplace
     advance_people(
-        workplace.people,
-        robot_pose,
-        robot_command,
-        workplace.surroundings,
-        workplace.parameters,
-        workplace.scratch,
-    )
+        People(*people), robot_pose, robot_command,
+        Surroundings(around[0], around[1], Walls(*around[2])),
+        CrowdParameters(*parameters), Scratch(*scratch),
+    )  # fmt: skip

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
-from numba.experimental import structref
 from numpy.typing import NDArray
 
 from lndrl.config import CrowdConfig
@@ -170,21 +168,3 @@ class CrowdParameters(NamedTuple):
             see_robot=config.see_robot,
             veer=float(np.tan(config.orca_veer)),
         )
-
-
-@structref.register
-class _WorkplaceType(types.StructRef):
-    pass
-
-
-class Workplace(structref.StructRefProxy):
-    """``people``, ``surroundings``, ``parameters``, ``scratch`` under one handle.
-
-    Taking fifty arrays and numbers out of tuples costs a call from Python three times the tick
-    itself; this is taken apart once.
-    """
-
-
-structref.define_proxy(
-    Workplace, _WorkplaceType, ["people", "surroundings", "parameters", "scratch"]
-)
