@@ -24,9 +24,10 @@ PRESETS: dict[str, dict[str, Any]] = {
         "laser_model_type": "likelihood_field_prob",
         "laser_field": "surfaces",
         "laser_sigma_hit": 0.1,
+        "do_beamskip": True,  # people must not set off the recovery
         "resample_model_type": "systematic",
         "recovery_persistent": True,
-        "recovery_tolerance": 5.0,
+        "recovery_tolerance": 10.0,
     },
     "perfect": {"kind": "perfect"},
 }
