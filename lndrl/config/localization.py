@@ -27,7 +27,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "do_beamskip": True,  # people must not set off the recovery
         "resample_model_type": "systematic",
         "recovery_persistent": True,
-        "recovery_tolerance": 10.0,
+        "recovery_tolerance": 5.0,
     },
     "perfect": {"kind": "perfect"},
 }

@@ -26,6 +26,8 @@ class Bins(NamedTuple):
     """Occupied bins of one particle set; the first ``k`` entries of each column are in use."""
 
     slots: NDArray[np.int32]  # open-addressing table of bin numbers, -1 is empty
+    slot: NDArray[np.int32]  # where in the table a bin stands
+    used: NDArray[np.int32]  # (1,) bins in the table
     shift: int  # 64 - log2(len(slots))
     key: NDArray[np.int64]
     parent: NDArray[np.int32]  # union-find forest of the clusters
@@ -42,6 +44,8 @@ def make_bins(config: LocalizationConfig) -> Bins:
     headings = min(max(1, round(2.0 * math.pi / config.bin_angle)), MAX_HEADINGS)
     return Bins(
         slots=np.full(1 << bits, -1, dtype=np.int32),
+        slot=np.zeros(capacity, dtype=np.int32),
+        used=np.zeros(1, dtype=np.int32),
         shift=64 - bits,
         key=np.zeros(capacity, dtype=np.int64),
         parent=np.zeros(capacity, dtype=np.int32),
@@ -70,6 +74,14 @@ def bin_keys(particles, count, bins, keys):
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def empty(bins):
+    """Forget all bins; costs what they are, not what the table could hold."""
+    for b in range(bins.used[0]):
+        bins.slots[bins.slot[b]] = -1
+    bins.used[0] = 0
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def find(key, bins):
     """Number of the bin with ``key``, -1 if there is none."""
     mask = bins.slots.size - 1
@@ -93,6 +105,8 @@ def insert(key, bins, k):
         b = bins.slots[slot]
         if b < 0:
             bins.slots[slot] = k
+            bins.slot[k] = slot
+            bins.used[0] = k + 1
             bins.key[k] = key
             bins.parent[k] = k
             for row in range(5):

@@ -45,7 +45,7 @@ def effective_count(weights, count):
     return 1.0 / ((a + b) + (c + d))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def cluster_spread(particles, weights, count, bin_of, bins, k, covariance):
     """Write the (3, 3) covariance of the heaviest cluster; returns its share of the weight.
 

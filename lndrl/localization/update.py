@@ -29,7 +29,7 @@ from lndrl.localization.belief import (
     Scratch,
     Settings,
 )
-from lndrl.localization.bins import Bins, bin_keys, insert
+from lndrl.localization.bins import Bins, bin_keys, empty, insert
 from lndrl.localization.clusters import estimate
 from lndrl.localization.confidence import beam_agreement, effective_count
 from lndrl.localization.field_prob import converged, skip_beams, weigh_logarithms
@@ -92,7 +92,7 @@ def summarise(belief, scratch, bins):
 def fill_bins(particles, count, scratch, bins):
     """Sort ``count`` particles into emptied ``bins``; returns the number of occupied ones."""
     bin_keys(particles, count, bins, scratch.keys)
-    bins.slots[:] = -1
+    empty(bins)
     k = 0
     for i in range(count):
         scratch.bin_of[i], k = insert(scratch.keys[i], bins, k)
@@ -184,7 +184,7 @@ def _resample(particles, count, belief, scratch, bins, limits, field, settings):
     )
     target = belief.particles[1 - belief.numbers[CURRENT]]
     bin_keys(particles, count, bins, scratch.keys)
-    bins.slots[:] = -1
+    empty(bins)
     if settings.systematic != 0:
         count, k = resample_systematic(
             particles, belief.weights, count, target, scratch,

@@ -16,14 +16,15 @@ from lndrl.scenario import Obstacle, Scenario
 
 Outline = NDArray[np.float64]
 
-CIRCLE_CORNERS = 24
+CIRCLE_TOLERANCE = 0.01  # m between a circle and its outline; a fifth of the usual cell
 _SLACK = 0.25  # cells; straightening stays within, so outlines stay within half a cell
 
 
 def geometry_outlines(scenario: Scenario) -> tuple[Outline, ...]:
     """Exact outlines of a geometry scenario: the outer wall's inside first, then each obstacle.
 
-    Circles become 24-gons with their corners on the circle. Obstacles may overlap.
+    Circles become polygons with their corners on the circle, within ``CIRCLE_TOLERANCE``.
+    Obstacles may overlap.
     """
     outlines = []
     if scenario.wall > 0:
@@ -51,6 +52,12 @@ def grid_outlines(grid: OccupancyGrid) -> tuple[Outline, ...]:
     )
     lines: list[Outline] = [np.asarray(line) for line in contours.lines(0.5)]
     return tuple(_straighten(line, solid) * grid.resolution for line in lines)
+
+
+def circle_corners(radius: float) -> int:
+    """Corners of a circle's outline, 8 at least: as few as the tolerance allows."""
+    share = min(CIRCLE_TOLERANCE / radius, 0.5)
+    return max(8, int(np.ceil(np.pi / np.arccos(1.0 - share))))
 
 
 def segments(outlines: tuple[Outline, ...]) -> NDArray[np.float64]:
@@ -94,7 +101,7 @@ def _obstacle(obstacle: Obstacle) -> Outline:
         return _box(*obstacle.box)
     if obstacle.circle is not None:
         x, y, radius = obstacle.circle
-        angle = np.linspace(0.0, 2.0 * np.pi, CIRCLE_CORNERS, endpoint=False)
+        angle = np.linspace(0.0, 2.0 * np.pi, circle_corners(radius), endpoint=False)
         return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1)
     corners = np.array(obstacle.polygon or [], np.float64)
     return corners if signed_area(corners) >= 0 else corners[::-1].copy()
@@ -104,4 +111,4 @@ def _box(x0: float, y0: float, x1: float, y1: float) -> Outline:
     return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], np.float64)
 
 
-__all__ = ["CIRCLE_CORNERS", "geometry_outlines", "grid_outlines", "segments", "signed_area"]
+__all__ = ["circle_corners", "geometry_outlines", "grid_outlines", "segments", "signed_area"]

@@ -47,7 +47,7 @@ class Place:
 
     ``distance`` float32 ``(h, w)`` (m, centre to centre), ``cells`` the same in whole cells
     (uint8), ``rays`` what the laser needs; ``outlines`` closed polygons (n, 2) (m) of everything
-    solid, solid on the left of each edge, circles as 24-gons; ``walls`` ``(S, 4)`` their edges
+    solid, solid on the left of each edge, circles as polygons; ``walls`` ``(S, 4)`` their edges
     [x0, y0, x1, y1] (m); ``regions`` uint16 ``(h, w)`` numbers the connected areas that the
     robot's centre can move in, 0 where it does not fit. ``notes`` say what had to give way.
     """

@@ -10,7 +10,7 @@ import pytest
 
 from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.localization.belief import make_field, make_scratch
-from lndrl.localization.bins import bin_key, bin_keys, insert, make_bins
+from lndrl.localization.bins import bin_key, bin_keys, empty, insert, make_bins
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.resampling import (
     accumulate,
@@ -49,7 +49,7 @@ def setting(count=4000, spread=0.2, seed=0, **changes):
 
 
 def run_resample(made, count, chance=0.0):
-    made.bins.slots[:] = -1
+    empty(made.bins)
     return resample(
         made.source, made.weights, count, made.target, made.scratch,
         made.bins, made.limits, chance, made.field, made.state,

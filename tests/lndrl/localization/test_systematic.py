@@ -7,7 +7,7 @@ import pytest
 
 from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.localization.belief import make_field, make_scratch
-from lndrl.localization.bins import bin_key, bin_keys, make_bins
+from lndrl.localization.bins import bin_key, bin_keys, empty, make_bins
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.resampling import accumulate, kld_limits, resample
 from lndrl.localization.systematic import locate, resample_systematic
@@ -39,7 +39,7 @@ class Setting:
         bin_keys(self.source, COUNT, self.bins, self.scratch.keys)
 
     def run(self, seed, kernel=resample_systematic, chance=0.0):
-        self.bins.slots[:] = -1
+        empty(self.bins)
         return kernel(
             self.source, self.weights, COUNT, self.target, self.scratch,
             self.bins, self.limits, chance, self.field, stream_state(seed),

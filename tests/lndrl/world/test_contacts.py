@@ -52,12 +52,12 @@ def test_walls_are_where_pymunk_has_them(space):
     for x, y in rng.uniform([0.12, 0.12], [7.88, 5.88], (6000, 2)):
         info = space.point_query_nearest((x, y), 3.0, pymunk.ShapeFilter())
         gap = 3.0 if info is None else info.distance
-        if abs(gap - 0.17) < 0.005:
-            doubtful += 1  # circles have 24 corners here: 3.5 mm less at most
+        if abs(gap - 0.17) < 0.0105:
+            doubtful += 1  # a circle is a polygon here, 1 cm less at most
             continue
         assert touch(x, y) == ("wall" if gap < 0.17 else ""), (x, y)
         hits += gap < 0.17
-    assert hits > 500 and doubtful < 120
+    assert hits > 500 and doubtful < 250
 
 
 @pytest.mark.parametrize(

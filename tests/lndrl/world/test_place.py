@@ -31,7 +31,7 @@ def test_build_rasterises_once_and_keeps_the_scenario():
     place = Place.build(changed())
     assert place.grid.shape == (120, 200) == place.distance.shape
     assert place.distance.dtype == np.float32
-    assert place.walls.shape == (4 + 4 + 24, 4)
+    assert place.walls.shape == (4 + 4 + 15, 4)
     assert place.room(2.0, 3.0) == pytest.approx(1.9, abs=0.05)
     assert place.room(4.5, 2.0) == 0.0
     assert place.room(-1.0, 2.0) == 0.0

@@ -97,7 +97,7 @@ def test_outlines_enclose_the_floor(place) -> None:
 
 
 def test_sparse_has_nothing_ahead_in_its_middle(sparse) -> None:
-    laser = Laser(LaserConfig(), sparse.cells, sparse.grid.resolution)
+    laser = Laser(LaserConfig(), sparse.rays)
     for y in (9.0, 10.0, 11.0, 12.0):
         for yaw in (0.0, np.pi):
             ahead = nearest(sparse, laser, 16.5, y, yaw)[180:540]  # 90 degrees
