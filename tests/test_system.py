@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -174,3 +175,28 @@ def test_a_busy_port_is_one_sentence_and_leaves_no_folder(desk: Desk) -> None:
     assert len(desk.log(second).strip().splitlines()) == 1
     assert "in use" in desk.log(second)
     assert not (desk.folder / "runs/b").exists()
+
+
+def test_a_ros_map_of_a_building_trains(desk: Desk) -> None:
+    """A 30 x 20 m map as map_server saves it: a hall, a wall with two doors, four pillars."""
+    pixels = np.full((400, 600), 254, np.uint8)  # 0.05 m a pixel, row 0 is the north wall
+    pixels[:3], pixels[-3:], pixels[:, :3], pixels[:, -3:] = 0, 0, 0, 0
+    pixels[:, 298:302] = 0
+    pixels[80:120, 298:302] = pixels[280:320, 298:302] = 254
+    for row, column in ((100, 150), (300, 150), (100, 450), (300, 450)):
+        pixels[row - 8 : row + 8, column - 8 : column + 8] = 0
+    header = b"P5\n600 400\n255\n"
+    (desk.folder / "building.pgm").write_bytes(header + pixels.tobytes())
+    (desk.folder / "building.yaml").write_text(
+        "image: building.pgm\nresolution: 0.05\norigin: [-15.0, -10.0, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    (desk.folder / "place.yaml").write_text("name: place\nkind: map\nmap: building.yaml\n")
+    small = {**SMALL, "scenario": "place.yaml"}
+    (desk.folder / "small.yaml").write_text(yaml.safe_dump(small))
+    training = desk.start("train", "small.yaml", "--serial", "--steps", "5000", "--run", "a")
+    desk.wait("5,000 steps", lambda: training.poll() is not None)
+    assert training.returncode == 0, desk.log(training)
+    rows = desk.rows()
+    assert rows[-1]["steps"] >= 5000
+    assert list((desk.folder / "runs" / "a" / "checkpoints").iterdir())

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig, LocalizationConfig
@@ -33,7 +34,7 @@ SENSOR_MODELS = {
 class Belief(NamedTuple):
     """Everything that an update changes and the next one needs; copied, it is a snapshot."""
 
-    particles: Vector  # (2, 5, capacity): two sets of rows x, y, yaw, cos, sin
+    particles: Vector  # (2, 5, room_for(capacity)): two sets of rows x, y, yaw, cos, sin
     weights: Vector  # (capacity,), sum 1
     averages: Vector  # [w_slow, w_fast]
     odometry: Vector  # (3,) reading at the last update
@@ -47,10 +48,10 @@ class Belief(NamedTuple):
 class Scratch(NamedTuple):
     """Memory that only lives within one update; one for all filters of a thread."""
 
-    noise: Vector  # (3, capacity)
-    cells: NDArray[np.float32]  # (4, capacity)
+    noise: Vector  # (3, room_for(capacity))
+    cells: NDArray[np.float32]  # (4, room_for(capacity))
     beams: NDArray[np.float32]  # (2, beams)
-    indices: NDArray[np.int32]  # (BEAMS_PER_PASS, capacity)
+    indices: NDArray[np.int32]  # (BEAMS_PER_PASS, room_for(capacity))
     likelihood: NDArray[np.float32]  # (capacity,)
     cumulative: Vector  # (capacity,)
     guide: NDArray[np.int32]  # (capacity,)
@@ -98,11 +99,21 @@ class Settings(NamedTuple):
     """z_hit, z_short, z_max, z_rand, sigma_hit (m), lambda_short (1/m)"""
 
 
+@njit(cache=True, nogil=True, _nrt=False)
+def room_for(count):
+    """``count`` rounded up to whole blocks of 32 particles.
+
+    Loops over particles run to there, over leftovers beyond the last one that nobody reads: what
+    does not fill a block is done one by one, which took a fifth of an update of 501 particles.
+    """
+    return (count + 31) // 32 * 32
+
+
 def make_beliefs(worlds: int, config: LocalizationConfig) -> Belief:
     """Empty beliefs of ``worlds`` filters: every array has a leading world dimension."""
     capacity = config.max_particles
     return Belief(
-        particles=np.zeros((worlds, 2, 5, capacity)),
+        particles=np.zeros((worlds, 2, 5, room_for(capacity))),
         weights=np.zeros((worlds, capacity)),
         averages=np.zeros((worlds, 2)),
         odometry=np.zeros((worlds, 3)),
@@ -123,10 +134,10 @@ def make_scratch(config: LocalizationConfig, laser: LaserConfig) -> Scratch:
     """Working memory for filters of this configuration, at most ``laser.beams`` beams."""
     capacity, beams = config.max_particles, laser.beams
     return Scratch(
-        noise=np.zeros((3, capacity)),
-        cells=np.zeros((4, capacity), dtype=np.float32),
+        noise=np.zeros((3, room_for(capacity))),
+        cells=np.zeros((4, room_for(capacity)), dtype=np.float32),
         beams=np.zeros((2, beams), dtype=np.float32),
-        indices=np.zeros((BEAMS_PER_PASS, capacity), dtype=np.int32),
+        indices=np.zeros((BEAMS_PER_PASS, room_for(capacity)), dtype=np.int32),
         likelihood=np.zeros(capacity, dtype=np.float32),
         cumulative=np.zeros(capacity),
         guide=np.zeros(capacity, dtype=np.int32),

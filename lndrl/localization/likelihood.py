@@ -157,10 +157,11 @@ def likelihood_field(table, rows, columns, cells, count, beams, kept, index, lik
     stride = np.int32(columns)
     x, y, cosine, sine = cells[0], cells[1], cells[2], cells[3]
     whole = kept - kept % BEAMS_PER_PASS
+    room = min(index.shape[1], (count + 31) // 32 * 32)  # see belief.room_for
     for b in range(kept):
         lane = b % BEAMS_PER_PASS
         _index_beam(
-            beams[0, b], beams[1, b], x, y, cosine, sine, count, stride, last_x, last_y, index[lane]
+            beams[0, b], beams[1, b], x, y, cosine, sine, room, stride, last_x, last_y, index[lane]
         )
         if b >= whole:
             _gather_one(table, index[lane], count, likelihood)

@@ -28,6 +28,7 @@ from lndrl.localization.belief import (
     Field,
     Scratch,
     Settings,
+    room_for,
 )
 from lndrl.localization.bins import Bins, bin_keys, empty, insert
 from lndrl.localization.clusters import estimate
@@ -119,8 +120,9 @@ def _predict(particles, count, new, belief, scratch, settings):
     spread = deviations(rotation1, translation, rotation2, settings.alpha)
     if settings.motion_corrected != 0:
         spread = (math.sqrt(spread[0]), math.sqrt(spread[1]), math.sqrt(spread[2]))
-    draw_noise(scratch.noise, count, spread, belief.random)
-    move(particles, count, (rotation1, translation, rotation2), scratch.noise)
+    room = room_for(count)
+    draw_noise(scratch.noise, room, spread, belief.random)
+    move(particles, room, (rotation1, translation, rotation2), scratch.noise)
     for k in range(3):
         belief.odometry[k] = new[k]
 
@@ -155,7 +157,10 @@ def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings)
             settings.range_max, settings.beam_numbers, scratch.likelihood,
         )  # fmt: skip
     else:
-        to_cells(particles, count, field.resolution, field.origin_x, field.origin_y, scratch.cells)
+        to_cells(
+            particles, room_for(count), field.resolution, field.origin_x, field.origin_y,
+            scratch.cells,
+        )  # fmt: skip
         if settings.beam_skip != 0 and converged(particles, count):
             used = skip_beams(
                 field, scratch.cells, count, scratch.beams, kept,

@@ -120,15 +120,15 @@ def test_beam_skipping_forgives_objects_that_are_not_on_the_map(place, drives):
         keys = {"laser_z_rand": 1e-6, "recovery_alpha_slow": 0, "recovery_alpha_fast": 0}
         amcl = make(place, config(preset="best", do_beamskip=skip, **keys))
         wrong = []
-        for drive in drives[:5]:
-            amcl.reset(drive.start, stream_state(1))
-            for i in range(60):
+        for number, drive in enumerate(drives + drives):
+            amcl.reset(drive.start, stream_state(number))
+            for i in range(120):
                 ranges = drive.ranges[i, ::12].copy()
                 ranges[::2] = np.minimum(ranges[::2], 2.0)
                 amcl.update(drive.odometry[i], ranges, BEARINGS)
                 wrong.append(np.hypot(*(amcl.pose_estimated - drive.truth[i])[:2]))
         errors.append(np.mean(wrong))
-    assert errors[1] < 0.85 * errors[0]
+    assert errors[1] < 0.95 * errors[0]  # 0.82 over 30 drives
 
 
 def test_selective_resampling_waits_for_uneven_weights(place, drives):
