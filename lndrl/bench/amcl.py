@@ -123,7 +123,7 @@ def _replay(
     updates = 0
     for i in range(odometry.shape[0]):
         updates += update_belief(
-            odometry[i], ranges[i], bearings, belief, scratch, bins, limits, field, settings
+            odometry[i], ranges[i], bearings, belief, scratch, bins, limits, field, settings, True
         )
     return updates
 

@@ -19,7 +19,7 @@ from lndrl.randomness import State
 Vector = NDArray[np.float64]
 
 # Places in ``Belief.numbers``.
-COUNT, CURRENT, UPDATES, BAD_ODOMETRY, BAD_READINGS = range(5)
+COUNT, CURRENT, UPDATES, BAD_ODOMETRY, BAD_READINGS, UNPUBLISHED = range(6)
 # Places in ``Belief.quality``.
 EFFECTIVE_COUNT, BEAM_AGREEMENT = range(2)
 
@@ -119,7 +119,7 @@ def make_beliefs(worlds: int, config: LocalizationConfig) -> Belief:
         odometry=np.zeros((worlds, 3)),
         pose=np.zeros((worlds, 3)),
         covariance=np.zeros((worlds, 3, 3)),
-        numbers=np.zeros((worlds, 5), dtype=np.int64),
+        numbers=np.zeros((worlds, 6), dtype=np.int64),
         random=np.zeros((worlds, 4), dtype=np.uint64),
         quality=np.zeros((worlds, 2)),
     )

@@ -23,6 +23,7 @@ from lndrl.localization.belief import (
     CURRENT,
     EFFECTIVE_COUNT,
     LIKELIHOOD_FIELD_PROB,
+    UNPUBLISHED,
     UPDATES,
     Belief,
     Field,
@@ -207,11 +208,20 @@ def _resample(particles, count, belief, scratch, bins, limits, field, settings):
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
-def update_belief(odometry, ranges, bearings, belief, scratch, bins, limits, field, settings):
-    """Take in an odometry pose (3,) and a scan (float32, (n,) each); False at a closed gate."""
-    if not _gate(odometry, belief, settings):
-        return False
+def update_belief(
+    odometry, ranges, bearings, belief, scratch, bins, limits, field, settings, publish
+):
+    """Take in an odometry pose (3,) and a scan (float32, (n,) each); False at a closed gate.
+
+    Where ``publish`` is false pose, covariance and beam agreement stay as they are until a call
+    where it is true: who takes four updates and looks once need not pay for four estimates.
+    """
     numbers = belief.numbers
+    if not _gate(odometry, belief, settings):
+        if publish and numbers[UNPUBLISHED] != 0:
+            numbers[UNPUBLISHED] = 0
+            summarise(belief, scratch, bins)
+        return False
     count = numbers[COUNT]
     particles = belief.particles[numbers[CURRENT]]
     _predict(particles, count, odometry, belief, scratch, settings)
@@ -223,10 +233,14 @@ def update_belief(odometry, ranges, bearings, belief, scratch, bins, limits, fie
         particles = belief.particles[numbers[CURRENT]]
     else:
         k = fill_bins(particles, count, scratch, bins)
-    estimate(
-        particles, belief.weights, count, scratch.bin_of, bins, k, belief.pose, belief.covariance
-    )
-    belief.quality[BEAM_AGREEMENT] = beam_agreement(scratch.beams, kept, belief.pose, field)
+    numbers[UNPUBLISHED] = 1
+    if publish:
+        numbers[UNPUBLISHED] = 0
+        estimate(
+            particles, belief.weights, count, scratch.bin_of, bins, k,
+            belief.pose, belief.covariance,
+        )  # fmt: skip
+        belief.quality[BEAM_AGREEMENT] = beam_agreement(scratch.beams, kept, belief.pose, field)
     return True
 
 
@@ -239,7 +253,7 @@ def update_packed(odometry, ranges, bearings, everything):
     belief, scratch, bins, limits, field, settings = everything
     return update_belief(
         odometry, ranges, bearings, Belief(*belief), Scratch(*scratch), Bins(*bins), limits,
-        Field(*field), Settings(*settings),
+        Field(*field), Settings(*settings), True,
     )  # fmt: skip
 
 

@@ -204,7 +204,7 @@ def drive_worlds(machine, first, commands, ticks):
             else:
                 update_belief(
                     robot.odometry, shared.ranges, shared.bearings, belief, shared.scratch,
-                    shared.bins, shared.limits, shared.field, shared.settings,
+                    shared.bins, shared.limits, shared.field, shared.settings, last,
                 )  # fmt: skip
             if last:
                 break

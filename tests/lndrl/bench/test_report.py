@@ -74,6 +74,8 @@ def test_world_figures() -> None:
         "python",
     }
     assert min(parts["people"], parts["localization"], parts["episode_starts"]) > 0.0
+    best = figures["steps_per_second_best"]
+    assert all(best[name] >= rate for name, rate in figures["steps_per_second"].items())
 
 
 def test_amcl_figures() -> None:

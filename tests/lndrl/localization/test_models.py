@@ -230,8 +230,41 @@ def _step_all(odometry, ranges, bearings, beliefs, scratch, bins, limits, field,
             beliefs.numbers[world], beliefs.random[world], beliefs.quality[world],
         )  # fmt: skip
         update_belief(
-            odometry[world], ranges[world], bearings, belief, scratch, bins, limits, field, settings
+            odometry[world],
+            ranges[world],
+            bearings,
+            belief,
+            scratch,
+            bins,
+            limits,
+            field,
+            settings,
+            True,
         )
+
+
+def test_what_is_not_published_at_once_is_published_later(place, drives):
+    """Also when the robot then stands still, so that no update comes of the call."""
+    drive, settings = drives[0], config()
+    amcl = make(place, settings)
+    amcl.reset(drive.start, stream_state(3))
+    feed(amcl, drive, 0, 4)
+    quiet = belief_of(make_beliefs(1, settings), 0)
+    scratch, bins = make_scratch(settings, LASER), make_bins(settings)
+    table = make_field(LikelihoodMap.build(place.grid, settings))
+    rest = (scratch, bins, kld_limits(settings), table, make_settings(settings, LASER))
+    quiet.random[:] = stream_state(3)
+    reset_belief(drive.start, np.array(settings.initial_deviations), quiet, scratch, bins)
+    start = quiet.pose.copy()
+    for i in range(4):
+        update_belief(
+            drive.odometry[i], drive.ranges[i, ::12].copy(), BEARINGS, quiet, *rest, False
+        )
+    assert (quiet.pose == start).all()
+    still = (drive.odometry[3], drive.ranges[3, ::12].copy(), BEARINGS)
+    assert not update_belief(*still, quiet, *rest, True)
+    assert quiet.pose == pytest.approx(amcl.pose_estimated, abs=1e-12)
+    assert quiet.covariance == pytest.approx(amcl.covariance, abs=1e-12)
 
 
 def test_kernels_serve_many_worlds_in_one_call(place, drives):
