@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import platform
@@ -69,8 +70,10 @@ def measure_peers(name: str, seconds: float) -> dict[str, Any]:
     """
     if name not in COMPARED:
         raise UserError(f"--peers: {name} has no peers; those with: {', '.join(COMPARED)}")
-    module = importlib.import_module(f"lndrl.bench.peers.{name}")
-    figures: dict[str, Any] = module.measure_peers(seconds)
+    # Some peers print when they are imported; --json must stand alone on standard output.
+    with contextlib.redirect_stdout(sys.stderr):
+        module = importlib.import_module(f"lndrl.bench.peers.{name}")
+        figures: dict[str, Any] = module.measure_peers(seconds)
     return figures
 
 
