@@ -82,7 +82,7 @@ class Navigation:
         if batch is None:
             if observation is None:
                 observation = Observation.zeros_for((), config)
-            batch = NavigationBatch(place, field, config, 1, observation.reshape(1))
+            batch, index = NavigationBatch(place, field, config, 1, observation.reshape(1)), 0
         self._layout = 0
         self._settle(batch, index)
 
