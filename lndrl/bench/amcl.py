@@ -117,9 +117,7 @@ def _wrapped(
 
 
 @njit(cache=True, nogil=True)
-def _replay(
-    odometry, ranges, bearings, belief, scratch, bins, limits, field, settings
-):  # pragma: no cover
+def _replay(odometry, ranges, bearings, belief, scratch, bins, limits, field, settings):
     updates = 0
     for i in range(odometry.shape[0]):
         updates += update_belief(

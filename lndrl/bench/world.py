@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import SCENARIOS, WORLDS, RandomActions, hybrid_config
 from lndrl.navigation import VectorNavigation
-from lndrl.navigation.step import _people, _robot
+from lndrl.navigation.step import people_row, robot_row
 from lndrl.world.laser import noisy_scan
 from lndrl.world.pedestrians import advance_people
 from lndrl.world.robot import take_command
@@ -159,10 +159,10 @@ def _megabytes(environment: VectorNavigation) -> float:
 def _only_people(robots, people, setting, scratch, commands, ticks):
     for _step in range(commands.shape[0]):
         for i in range(commands.shape[1]):
-            robot = _robot(robots, i)
+            robot = robot_row(robots, i)
             for _ in range(ticks):
                 advance_people(
-                    _people(people, i), robot.pose, robot.command, setting.surroundings,
+                    people_row(people, i), robot.pose, robot.command, setting.surroundings,
                     setting.crowd, scratch.crowd,
                 )  # fmt: skip
 
@@ -172,7 +172,7 @@ def _and_robots(robots, people, setting, scratch, commands, ticks, stride, range
     """The whole drive but for the filter; without the laser where ``stride`` is 0."""
     for step in range(commands.shape[0]):
         for i in range(commands.shape[1]):
-            robot, crowd = _robot(robots, i), _people(people, i)
+            robot, crowd = robot_row(robots, i), people_row(people, i)
             v, w = commands[step, i, 0], commands[step, i, 1]
             take_command(robot, v, w, setting.odometry_deviation)
             for tick in range(ticks):

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from lndrl.localization.angles import difference, sincos, wrap
+from lndrl.localization.angles import difference, sincos
 from lndrl.randomness import fill_normals, fill_normals32, normal
 
 LEAST_TRANSLATION = 0.01  # m; below it the direction of motion is only noise (ROS)
@@ -56,6 +56,17 @@ def draw_noise(noise, count, spread, state):
             noise[part, i] *= spread[part]
 
 
+@njit(inline="always")
+def set_heading(particles, i, yaw):
+    """Turn particle ``i`` (rows x, y, yaw, cos, sin) to ``yaw`` (rad), wrapped into [-pi, pi)."""
+    yaw -= 2.0 * math.pi * np.floor((yaw + math.pi) * (0.5 / math.pi))
+    yaw = yaw if yaw < math.pi else -math.pi
+    sine, cosine = sincos(yaw)
+    particles[2, i] = yaw
+    particles[3, i] = cosine
+    particles[4, i] = sine
+
+
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
 def move(particles, count, motion, noise):
     """Move ``count`` particles (rows x, y, yaw, cos, sin) by ``motion`` less their noise."""
@@ -68,12 +79,7 @@ def move(particles, count, motion, noise):
         particles[0, i] += distance * (particles[3, i] * cosine - particles[4, i] * sine)
         particles[1, i] += distance * (particles[4, i] * cosine + particles[3, i] * sine)
         yaw = particles[2, i] + (turn1 + (rotation2 - noise[2, i]))
-        yaw -= 2.0 * math.pi * np.floor((yaw + math.pi) * (0.5 / math.pi))
-        yaw = yaw if yaw < math.pi else -math.pi
-        sine, cosine = sincos(yaw)
-        particles[2, i] = yaw
-        particles[3, i] = cosine
-        particles[4, i] = sine
+        set_heading(particles, i, yaw)
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
@@ -90,12 +96,7 @@ def _place_around(particles, count, pose, spread):
         particles[0, i] = pose[0] + spread[0] * particles[0, i]
         particles[1, i] = pose[1] + spread[1] * particles[1, i]
         yaw = pose[2] + spread[2] * particles[2, i]
-        yaw -= 2.0 * math.pi * np.floor((yaw + math.pi) * (0.5 / math.pi))
-        yaw = yaw if yaw < math.pi else -math.pi
-        sine, cosine = sincos(yaw)
-        particles[2, i] = yaw
-        particles[3, i] = cosine
-        particles[4, i] = sine
+        set_heading(particles, i, yaw)
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
@@ -105,8 +106,5 @@ def scatter_correlated(particles, count, pose, root, state):
         a, b, c = normal(state), normal(state), normal(state)
         particles[0, i] = pose[0] + root[0, 0] * a + root[0, 1] * b + root[0, 2] * c
         particles[1, i] = pose[1] + root[1, 0] * a + root[1, 1] * b + root[1, 2] * c
-        yaw = wrap(pose[2] + root[2, 0] * a + root[2, 1] * b + root[2, 2] * c)
-        sine, cosine = sincos(yaw)
-        particles[2, i] = yaw
-        particles[3, i] = cosine
-        particles[4, i] = sine
+        yaw = pose[2] + root[2, 0] * a + root[2, 1] * b + root[2, 2] * c
+        set_heading(particles, i, yaw)

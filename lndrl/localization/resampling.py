@@ -14,8 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig
-from lndrl.localization.angles import sincos
 from lndrl.localization.bins import bin_key, insert
+from lndrl.localization.motion import set_heading
 from lndrl.randomness import fill_uniforms, uniform
 
 _BLOCK = 512  # particles drawn at a time; the usual set in one
@@ -83,9 +83,8 @@ def accumulate(weights, count, cumulative, guide):
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
-def draw(cumulative, guide, count, total, state):
-    """Index drawn with probability proportional to its weight; one uniform per draw."""
-    u = uniform(state)
+def locate(cumulative, guide, count, total, u):
+    """First index whose cumulative weight exceeds ``u`` (in [0, 1)) of ``total``."""
     i = np.int64(guide[np.int64(u * count)])
     threshold = u * total
     # The first step is an addition, not a branch: half of the draws take it, unpredictably.
@@ -97,6 +96,12 @@ def draw(cumulative, guide, count, total, state):
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def draw(cumulative, guide, count, total, state):
+    """Index drawn with probability proportional to its weight; one uniform per draw."""
+    return locate(cumulative, guide, count, total, uniform(state))
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def inject(target, n, field, state):
     """Particle ``n`` of ``target``: centre of a uniformly drawn free cell, uniform heading."""
     cell = field.free_cells[np.int64(uniform(state) * field.free_cells.size)]
@@ -105,10 +110,7 @@ def inject(target, n, field, state):
     target[0, n] = field.origin_x + (column + 0.5) * field.resolution
     target[1, n] = field.origin_y + (row + 0.5) * field.resolution
     yaw = (2.0 * uniform(state) - 1.0) * math.pi
-    sine, cosine = sincos(yaw)
-    target[2, n] = yaw
-    target[3, n] = cosine
-    target[4, n] = sine
+    set_heading(target, n, yaw)
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
@@ -143,11 +145,7 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _draw_set(source, count, total, target, scratch, bins, limits, state):
-    """``resample`` without injection: the same draws, in blocks.
-
-    Which particles are drawn is decided for a whole block before the first is copied, so that the
-    many loads that miss the cache wait together instead of one after the other.
-    """
+    """``resample`` without injection, in blocks: each pass over one does one simple thing."""
     most = limits.size - 1
     chosen = scratch.indices[0]  # of the sensor model, which is done
     uniforms = scratch.noise[0]
@@ -157,13 +155,7 @@ def _draw_set(source, count, total, target, scratch, bins, limits, state):
         size = min(_BLOCK, most - n)
         fill_uniforms(state, uniforms[:size])
         for j in range(size):
-            u = uniforms[j]
-            i = np.int64(scratch.guide[np.int64(u * count)])
-            threshold = u * total
-            i = min(i + np.int64(scratch.cumulative[i] <= threshold), count - 1)
-            while i < count - 1 and scratch.cumulative[i] <= threshold:
-                i += 1
-            chosen[j] = i
+            chosen[j] = locate(scratch.cumulative, scratch.guide, count, total, uniforms[j])
         for j in range(size):
             scratch.bin_of[n + j], k = insert(scratch.keys[chosen[j]], bins, k)
             if n + j + 1 > limits[k]:

@@ -14,20 +14,10 @@ import numpy as np
 from numba import njit
 
 from lndrl.localization.bins import bin_key, insert
-from lndrl.localization.resampling import accumulate, inject
+from lndrl.localization.resampling import accumulate, inject, locate
 from lndrl.randomness import uniform
 
 GOLDEN = 0.6180339887498949
-
-
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
-def locate(cumulative, guide, count, total, u):
-    """First index whose cumulative weight exceeds ``u`` (in [0, 1)) of ``total``."""
-    i = np.int64(guide[np.int64(u * count)])
-    threshold = u * total
-    while i < count - 1 and cumulative[i] <= threshold:
-        i += 1
-    return i
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")

@@ -115,7 +115,8 @@ class Observation:
 
 
 @njit(cache=True, nogil=True)
-def _quantise(ranges, scale, out):
+def quantise_scan(ranges, scale, out):
+    """``quantise`` for kernels: ranges and out (n,), ``scale`` counts per metre."""
     for i in range(ranges.shape[0]):
         count = np.float64(ranges[i]) * scale
         if count >= 0.0:
@@ -136,7 +137,7 @@ def quantise(
     """
     if out is None:
         out = np.empty(ranges.shape, np.uint16)
-    _quantise(ranges.reshape(-1), SCAN_COUNTS / range_max, out.reshape(-1))
+    quantise_scan(ranges.reshape(-1), SCAN_COUNTS / range_max, out.reshape(-1))
     return out
 
 

@@ -20,7 +20,7 @@ from lndrl.localization.belief import Scratch as FilterScratch
 from lndrl.localization.bins import Bins
 from lndrl.localization.update import update_belief
 from lndrl.maps.edges import FaceScratch, RayMap
-from lndrl.navigation.observation import _quantise, goal_vector, pedestrians_in_view
+from lndrl.navigation.observation import goal_vector, pedestrians_in_view, quantise_scan
 from lndrl.navigation.reward import judge
 from lndrl.navigation.track import ARRIVED, COLLIDED, LOST, RUNNING, TIMEOUT, Track
 from lndrl.world.laser import Fan, ScanScratch, noisy_scan
@@ -119,7 +119,8 @@ def _shared(packed):
 
 
 @njit(inline="always")
-def _robot(robots, i):
+def robot_row(robots, i):
+    """World ``i`` of ``Robot`` arrays, for kernels."""
     return Robot(
         robots.pose[i], robots.odometry[i], robots.start[i], robots.goal[i], robots.command[i],
         robots.slip[i], robots.clock[i], robots.contact[i], robots.laser_random[i],
@@ -128,7 +129,8 @@ def _robot(robots, i):
 
 
 @njit(inline="always")
-def _people(people, i):
+def people_row(people, i):
+    """World ``i`` of ``People`` arrays, for kernels."""
     return People(
         people.position[i], people.velocity[i], people.route[i], people.route_length[i],
         people.target[i], people.direction[i], people.shuttle[i], people.model[i],
@@ -137,7 +139,8 @@ def _people(people, i):
 
 
 @njit(inline="always")
-def _belief(beliefs, i):
+def belief_row(beliefs, i):
+    """World ``i`` of ``Belief`` arrays, for kernels."""
     return Belief(
         beliefs.particles[i], beliefs.weights[i], beliefs.averages[i], beliefs.odometry[i],
         beliefs.pose[i], beliefs.covariance[i], beliefs.numbers[i], beliefs.random[i],
@@ -146,7 +149,8 @@ def _belief(beliefs, i):
 
 
 @njit(inline="always")
-def _track(tracks, i):
+def track_row(tracks, i):
+    """World ``i`` of ``Track`` arrays, for kernels."""
     return Track(
         tracks.scan[i], tracks.before[i], tracks.variance[i], tracks.reward[i], tracks.parts[i],
         tracks.sums[i], tracks.distance[i], tracks.steps[i], tracks.outcome[i], tracks.path[i],
@@ -175,8 +179,8 @@ def drive_worlds(machine, first, commands, ticks):
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     setting, scratch, shared = _setting(machine[5]), _scratch(machine[6]), _shared(machine[7])
     for world in range(first, first + len(commands)):
-        robot, people = _robot(robots, world), _people(crowds, world)
-        belief, track = _belief(beliefs, world), _track(tracks, world)
+        robot, people = robot_row(robots, world), people_row(crowds, world)
+        belief, track = belief_row(beliefs, world), track_row(tracks, world)
         if ticks > 0:
             command = commands[world - first]
             _begin(robot, belief, track, command[0], command[1], setting.odometry_deviation)
@@ -216,7 +220,7 @@ def drive_worlds(machine, first, commands, ticks):
 def _observe(robots, people, beliefs, tracks, views, task, i):
     """Write what world ``i`` shows to its row of the views."""
     count = people.count[i, 0]
-    _quantise(tracks.scan[i], task.scan_scale, views.scan[i])
+    quantise_scan(tracks.scan[i], task.scan_scale, views.scan[i])
     goal_vector(
         beliefs.pose[i], tracks.variance[i], robots.goal[i], robots.start[i, 2],
         task.variance_limit, views.goal[i],
