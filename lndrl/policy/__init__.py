@@ -1,14 +1,8 @@
 """The paper's networks, their sparse evaluation, weights in and out, and acting."""
 
 from lndrl.policy.inference import PolicyRunner
-from lndrl.policy.networks import (
-    Inputs,
-    NavigationNetwork,
-    build_policy,
-    build_value,
-    prepare,
-    supports_sparse,
-)
+from lndrl.policy.inputs import Inputs, prepare, supports_sparse
+from lndrl.policy.networks import NavigationNetwork, build_policy, build_value
 from lndrl.policy.weights import (
     POLICY_FILE,
     initial_weights,

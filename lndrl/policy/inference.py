@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
-from lndrl.policy.networks import build_policy, prepare
+from lndrl.policy.inputs import prepare
+from lndrl.policy.networks import build_policy
 from lndrl.policy.weights import load_into
 
 
