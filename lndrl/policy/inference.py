@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
-from lndrl.policy.inputs import prepare
+from lndrl.policy.inputs import prepare, supports_sparse
 from lndrl.policy.networks import build_policy
 from lndrl.policy.weights import load_into
 
@@ -20,10 +20,12 @@ class PolicyRunner:
         self.config = config
         self.device = device
         self.network = build_policy(config).to(device).requires_grad_(False).eval()
+        self._freeze()
 
     def load(self, blob: bytes) -> None:
         """Replace the weights; raises UserError when they are of another network."""
         load_into(self.network, blob)
+        self._freeze()
 
     def log_probabilities(self, observation: Observation) -> NDArray[np.float32]:
         """Log-probabilities (B, actions) for observations (B,)."""
@@ -44,3 +46,7 @@ class PolicyRunner:
         action = scores.argmax(axis=1)
         chosen = np.take_along_axis(log_probabilities, action[:, None], axis=1)[:, 0]
         return action.astype(np.uint8), chosen
+
+    def _freeze(self) -> None:
+        if self.device == "cpu" and supports_sparse(self.config):
+            self.network.map_encoder.freeze()

@@ -11,7 +11,7 @@ from torch import Tensor
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation, dequantise
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
-from lndrl.policy.structure import SMALLEST_MAP, MapStructure, map_structure
+from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, map_structure
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def prepare(observation: Observation, config: RunConfig, device: str = "cpu") ->
     goal = torch.from_numpy(np.array(observation.goal)).to(device)  # may be a read-only message
     people: Tensor | MapStructure
     if device == "cpu" and supports_sparse(config):
-        people = map_structure(observation, task)
+        people = map_structure(observation, task, pooling_factor(config))
     else:
         drawn = draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, task)
         people = torch.from_numpy(drawn).to(device, memory_format=torch.channels_last)
@@ -48,5 +48,10 @@ def prepare(observation: Observation, config: RunConfig, device: str = "cpu") ->
 
 def supports_sparse(config: RunConfig) -> bool:
     """Whether the sparse encoder can evaluate this network."""
-    cells = config.task.map_cells
-    return config.network.pooling == "max" and cells >= SMALLEST_MAP and cells % 8 == 0
+    cells, pooling = config.task.map_cells, pooling_factor(config)
+    return cells >= STAND_IN[pooling] and cells % pooling**LEVELS == 0
+
+
+def pooling_factor(config: RunConfig) -> int:
+    """By how much each level of the map encoder shrinks a side: 2, or 1 without pooling."""
+    return 2 if config.network.pooling == "max" else 1

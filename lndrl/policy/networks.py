@@ -8,6 +8,8 @@ sparse pedestrian encoder (CPU), which is exact up to the order of sums.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -15,9 +17,29 @@ from torch.nn import functional as F  # noqa: N812  (torch's own convention)
 
 from lndrl.config import RunConfig
 from lndrl.navigation import action_table
-from lndrl.policy.inputs import Inputs
-from lndrl.policy.sparse import gather_convolution, gather_pool, gather_rows
-from lndrl.policy.structure import MapStructure
+from lndrl.policy.inputs import Inputs, pooling_factor
+from lndrl.policy.sparse import cell_linear, convolve_pool, flat_weight, train_cell_linear
+from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, stand_in_cells
+
+
+@dataclass(frozen=True)
+class EmptyResponse:
+    """What a convolution of the map encoder makes of a map without people.
+
+    Rows of the stand-in's cells: ``conv`` (before) and ``pooled`` (after ReLU and pooling).
+    """
+
+    conv: Tensor
+    pooled: Tensor
+
+
+@dataclass(frozen=True)
+class FrozenWeights:
+    """What the sparse evaluation needs of weights that stay as they are for a while."""
+
+    empty: list[EmptyResponse]
+    flat: list[Tensor]  # kernels, see flat_weight
+    base: Tensor  # (features,), the linear layer's response to the empty map
 
 
 class MapEncoder(nn.Module):
@@ -26,40 +48,65 @@ class MapEncoder(nn.Module):
     def __init__(self, config: RunConfig) -> None:
         super().__init__()
         first, second, third = config.network.map_channels
-        self.pooling = config.network.pooling == "max"
+        self.pooling = pooling_factor(config)
         self.conv1 = nn.Conv2d(3, first, 3, padding=1)
         self.conv2 = nn.Conv2d(first, second, 3, padding=1)
         self.conv3 = nn.Conv2d(second, third, 3, padding=1)
-        cells = config.task.map_cells // 8 if self.pooling else config.task.map_cells
-        self.linear = nn.Linear(third * cells * cells, config.network.features)
+        self.cells = config.task.map_cells // self.pooling**LEVELS
+        self.linear = nn.Linear(third * self.cells**2, config.network.features)
+        self._frozen: FrozenWeights | None = None
 
     def forward(self, people: Tensor | MapStructure) -> Tensor:
-        last = self._sparse(people) if isinstance(people, MapStructure) else self._dense(people)
-        return F.relu(self.linear(last))
+        if isinstance(people, MapStructure):
+            return F.relu(self._sparse(people))
+        return F.relu(self.linear(self._dense(people)))
+
+    def freeze(self) -> None:
+        """Keep what depends on the weights alone, for calls without gradients.
+
+        To be called again whenever the weights change.
+        """
+        with torch.no_grad():
+            empty = self._empty_response()
+            last = empty[-1].pooled[torch.from_numpy(stand_in_cells(self.cells, self.pooling))]
+            flat = [flat_weight(convolution.weight) for convolution in self._convolutions()]
+            self._frozen = FrozenWeights(empty, flat, self.linear(last.reshape(-1)))
 
     def _dense(self, maps: Tensor) -> Tensor:
         x = maps
-        for convolution in (self.conv1, self.conv2, self.conv3):
-            x = F.relu(convolution(x))
-            if self.pooling:
-                x = F.max_pool2d(x, 2)
-        # Cell-major order, so that the sparse path gathers whole rows of channels.
+        for convolution in self._convolutions():
+            x = self._pool(F.relu(convolution(x)))
+        # Cell-major order, so that the sparse path multiplies whole rows of channels.
         return x.permute(0, 2, 3, 1).flatten(1)
 
     def _sparse(self, s: MapStructure) -> Tensor:
-        values = F.linear(
-            torch.from_numpy(s.patches), self.conv1.weight.flatten(1), self.conv1.bias
-        )
-        pooled = gather_pool(values, s.pool1)
-        for convolution, windows, blocks in (
-            (self.conv2, s.conv2, s.pool2),
-            (self.conv3, s.conv3, s.pool3),
-        ):
-            weight = convolution.weight.permute(0, 2, 3, 1).flatten(1)
-            assert convolution.bias is not None
-            values = gather_convolution(pooled, windows, weight, convolution.bias)
-            pooled = gather_pool(values, blocks)
-        return gather_rows(pooled, s.features)
+        frozen = None if torch.is_grad_enabled() else self._frozen
+        empty = frozen.empty if frozen else self._empty_response()
+        rows = torch.from_numpy(s.values)
+        for i, convolution in enumerate(self._convolutions()):
+            flat = frozen.flat[i] if frozen else flat_weight(convolution.weight)
+            rows = convolve_pool(rows, flat, empty[i].conv, empty[i].pooled, s.levels[i])
+        if frozen:
+            return cell_linear(rows, self.linear.weight, frozen.base, s)
+        last = empty[-1].pooled[torch.from_numpy(s.cell_stand_in)]
+        return train_cell_linear(rows, last, self.linear.weight, self.linear.bias, s)
+
+    def _empty_response(self) -> list[EmptyResponse]:
+        """The dense convolutions on the stand-in."""
+        side = STAND_IN[self.pooling]
+        x = self.conv1.weight.new_zeros(1, 3, side, side)
+        found = []
+        for convolution in self._convolutions():
+            values = convolution(x)
+            x = self._pool(F.relu(values))
+            found.append(EmptyResponse(*(v[0].flatten(1).t().contiguous() for v in (values, x))))
+        return found
+
+    def _convolutions(self) -> tuple[nn.Conv2d, nn.Conv2d, nn.Conv2d]:
+        return self.conv1, self.conv2, self.conv3
+
+    def _pool(self, x: Tensor) -> Tensor:
+        return F.max_pool2d(x, self.pooling) if self.pooling > 1 else x
 
 
 class ScanEncoder(nn.Module):

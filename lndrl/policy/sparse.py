@@ -1,161 +1,226 @@
-"""Differentiable gather-convolutions over the rows that ``structure`` lists.
+"""Differentiable evaluation of the rows that ``structure`` lists.
 
-Each convolution gathers the 3x3 windows of the listed outputs into a matrix and multiplies it
-with the weights, so all arithmetic is one dense matrix product per layer. Compiled kernels move
-the rows; torch multiplies and keeps the gradients.
+Rows hold *differences* from the response to the empty map, so whatever lies beside them counts as
+zero. A convolution multiplies each of its input rows once with all nine taps of the kernel, in one
+dense matrix product, and a compiled kernel sums the products under each output, adds the
+response to the empty map and pools. The last linear layer multiplies cell by cell. torch does the
+products and keeps the gradients.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
 from numba import njit
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd import Function
 
+from lndrl.policy.structure import Level, MapStructure
+
+_NONE = 255  # of the pooled outputs none was above zero
+
 
 @njit(cache=True, nogil=True)
-def _gather(table, index, out):
-    """out[m, k*C:(k+1)*C] = table[index[m, k]], zeros where the index is -1."""
-    channels = table.shape[1]
-    for m in range(index.shape[0]):
-        for k in range(index.shape[1]):
-            row = index[m, k]
+def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, winner):
+    """out[b] = relu(max over outputs s of a block) - pool_empty; winner[b] = the s that won.
+
+    An output is conv_empty plus products[row, k] for each of its taps k; ``products`` is
+    (R, 9 * O), ``sums`` scratch (P, O).
+    """
+    outputs, channels = sums.shape
+    for b in range(taps.shape[0]):
+        for s in range(outputs):
+            place = stand_in[b, s]
+            for j in range(channels):
+                sums[s, j] = conv_empty[place, j]
+            for k in range(9):
+                row = taps[b, 9 * s + k]
+                if row >= 0:
+                    start = k * channels
+                    for j in range(channels):
+                        sums[s, j] += products[row, start + j]
+        place = stand_in[b, outputs]
+        for j in range(channels):
+            best = np.float32(0.0)
+            index = np.uint8(_NONE)
+            for s in range(outputs):
+                higher = sums[s, j] > best
+                best = sums[s, j] if higher else best
+                index = np.uint8(s) if higher else index
+            out[b, j] = best - pool_empty[place, j]
+            winner[b, j] = index
+
+
+@njit(cache=True, nogil=True)
+def _spread(gradient, winner, targets, outputs, out):
+    """The gradient of ``_sum_and_pool`` by products: out (R, 9 * O)."""
+    channels = gradient.shape[1]
+    zero = np.float32(0.0)
+    for row in range(targets.shape[0]):
+        for k in range(9):
             start = k * channels
-            if row < 0:
-                for c in range(channels):
-                    out[m, start + c] = 0.0
+            target = targets[row, k]
+            if target < 0:
+                for j in range(channels):
+                    out[row, start + j] = zero
             else:
-                for c in range(channels):
-                    out[m, start + c] = table[row, c]
+                b, s = target // outputs, np.uint8(target % outputs)
+                for j in range(channels):
+                    out[row, start + j] = gradient[b, j] if winner[b, j] == s else zero
 
 
 @njit(cache=True, nogil=True)
-def _scatter(rows, index, table):
-    """The transpose of ``_gather``: table[index[m, k]] += rows[m, k*C:(k+1)*C]."""
-    channels = table.shape[1]
-    table[:] = 0.0
-    for m in range(index.shape[0]):
-        for k in range(index.shape[1]):
-            row = index[m, k]
-            if row >= 0:
-                start = k * channels
-                for c in range(channels):
-                    table[row, c] += rows[m, start + c]
+def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
+    """The gradient of ``_sum_and_pool`` by conv_empty and pool_empty."""
+    outputs = stand_in.shape[1] - 1
+    for b in range(gradient.shape[0]):
+        place = stand_in[b, outputs]
+        for j in range(gradient.shape[1]):
+            pool_out[place, j] -= gradient[b, j]
+        for s in range(outputs):
+            place = stand_in[b, s]
+            for j in range(gradient.shape[1]):
+                if winner[b, j] == s:
+                    conv_out[place, j] += gradient[b, j]
 
 
 @njit(cache=True, nogil=True)
-def _pool(values, index, out):
-    """out[m] = relu(max over the 4 rows values[index[m]])."""
-    for m in range(index.shape[0]):
-        a, b, c, d = index[m, 0], index[m, 1], index[m, 2], index[m, 3]
-        for j in range(values.shape[1]):
-            left = max(values[a, j], values[b, j])
-            right = max(values[c, j], values[d, j])
-            out[m, j] = max(max(left, right), np.float32(0.0))
+def _add_rows(rows, index, out):
+    """out[index[i]] += rows[i]."""
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            out[index[i], j] += rows[i, j]
 
 
-@njit(cache=True, nogil=True)
-def _unpool(gradient, values, pooled, index, out):
-    """The gradient of ``_pool``; of equal values the first takes it, as torch does."""
-    out[:] = 0.0
-    for m in range(index.shape[0]):
-        a, b, c, d = index[m, 0], index[m, 1], index[m, 2], index[m, 3]
-        for j in range(values.shape[1]):
-            best = pooled[m, j]
-            if best > 0.0:
-                g = gradient[m, j]
-                if values[a, j] == best:
-                    out[a, j] += g
-                elif values[b, j] == best:
-                    out[b, j] += g
-                elif values[c, j] == best:
-                    out[c, j] += g
-                else:
-                    out[d, j] += g
+class ConvolvePool(Function):
+    """Convolution, ReLU and pooling of rows (R, C) -> (B, O), all as differences.
 
-
-class GatherConvolution(Function):
-    """``gather(table, index) @ weight.T + bias`` with its gradients.
-
-    table (R, C), index int32 (M, K) with -1 for zeros, weight (O, K * C), bias (O) -> (M, O).
+    weight (C, 9 * O), see ``flat_weight``. conv_empty and pool_empty are the response to the
+    empty map, before and after ReLU and pooling, as rows of the stand-in.
     """
 
     @staticmethod
     def forward(
-        ctx: Any, table: Tensor, index: NDArray[np.int32], weight: Tensor, bias: Tensor
+        ctx: Any,
+        rows: Tensor,
+        weight: Tensor,
+        conv_empty: Tensor,
+        pool_empty: Tensor,
+        level: Level,
     ) -> Tensor:
-        windows = torch.empty(index.shape[0], index.shape[1] * table.shape[1])
-        _gather(table.detach().numpy(), index, windows.numpy())
-        ctx.save_for_backward(windows, weight)
-        ctx.index, ctx.rows = index, table.shape[0]
-        return torch.addmm(bias, windows, weight.t())
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        (gradient,) = gradients
-        windows, weight = ctx.saved_tensors
-        rows = gradient @ weight
-        table = torch.empty(ctx.rows, weight.shape[1] // ctx.index.shape[1])
-        _scatter(rows.numpy(), ctx.index, table.numpy())
-        return table, None, gradient.t() @ windows, gradient.sum(0)
-
-
-class GatherPool(Function):
-    """``relu(max(values[index]))`` over the four rows of each index: values (R, C) -> (M, C)."""
-
-    @staticmethod
-    def forward(ctx: Any, values: Tensor, index: NDArray[np.int32]) -> Tensor:
-        pooled = torch.empty(index.shape[0], values.shape[1])
-        _pool(values.detach().numpy(), index, pooled.numpy())
-        ctx.save_for_backward(values, pooled)
-        ctx.index = index
-        return pooled
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        (gradient,) = gradients
-        values, pooled = ctx.saved_tensors
-        out = torch.empty_like(values)
-        _unpool(
-            gradient.contiguous().numpy(), values.numpy(), pooled.numpy(), ctx.index, out.numpy()
+        channels = weight.shape[1] // 9
+        products = rows @ weight
+        out = torch.empty(len(level.taps), channels)
+        winner = torch.empty(len(level.taps), channels, dtype=torch.uint8)
+        _sum_and_pool(
+            products.numpy(),
+            level.taps,
+            level.stand_in,
+            conv_empty.detach().numpy(),
+            pool_empty.detach().numpy(),
+            np.empty((level.stand_in.shape[1] - 1, channels), np.float32),
+            out.numpy(),
+            winner.numpy(),
         )
-        return out, None
-
-
-def gather_convolution(
-    table: Tensor, index: NDArray[np.int32], weight: Tensor, bias: Tensor
-) -> Tensor:
-    """Convolution at the listed outputs; see GatherConvolution."""
-    return GatherConvolution.apply(table, index, weight, bias)
-
-
-class GatherRows(Function):
-    """``gather(table, index)``: table (R, C), index int32 (N, K) -> (N, K * C)."""
-
-    @staticmethod
-    def forward(ctx: Any, table: Tensor, index: NDArray[np.int32]) -> Tensor:
-        out = torch.empty(index.shape[0], index.shape[1] * table.shape[1])
-        _gather(table.detach().numpy(), index, out.numpy())
-        ctx.index, ctx.shape = index, table.shape
+        ctx.save_for_backward(rows, weight, winner)
+        ctx.level = level
+        ctx.shapes = conv_empty.shape, pool_empty.shape
         return out
 
     @staticmethod
     def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
         (gradient,) = gradients
-        table = torch.empty(ctx.shape)
-        _scatter(gradient.contiguous().numpy(), ctx.index, table.numpy())
-        return table, None
+        rows, weight, winner = ctx.saved_tensors
+        by_block, by_winner = gradient.contiguous().numpy(), winner.numpy()
+        spread = torch.empty(len(rows), weight.shape[1])
+        outputs = ctx.level.stand_in.shape[1] - 1
+        _spread(by_block, by_winner, ctx.level.targets, outputs, spread.numpy())
+        conv_empty, pool_empty = (torch.zeros(shape) for shape in ctx.shapes)
+        _spread_empty(
+            by_block, by_winner, ctx.level.stand_in, conv_empty.numpy(), pool_empty.numpy()
+        )
+        by_rows = spread @ weight.t() if ctx.needs_input_grad[0] else None
+        return by_rows, rows.t() @ spread, conv_empty, pool_empty, None
 
 
-def gather_rows(table: Tensor, index: NDArray[np.int32]) -> Tensor:
-    """Rows of ``table`` side by side; see GatherRows."""
-    return GatherRows.apply(table, index)
+def flat_weight(weight: Tensor) -> Tensor:
+    """A kernel (O, C, 3, 3) as ConvolvePool multiplies it: (C, 9 * O), tap by tap."""
+    outputs, inputs = weight.shape[:2]
+    return weight.permute(1, 2, 3, 0).reshape(inputs, 9 * outputs)
 
 
-def gather_pool(values: Tensor, index: NDArray[np.int32]) -> Tensor:
-    """Max-pooling and ReLU at the listed outputs; see GatherPool."""
-    return GatherPool.apply(values, index)
+class CellLinear(Function):
+    """The linear layer over the cells of the last map: rows (B, C) -> (N, F).
+
+    weight (F, cells * C), bias (F,); ``empty`` (cells, C) is the whole last map of an empty map,
+    to which the rows are differences.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
+    ) -> Tensor:
+        grouped = rows[torch.from_numpy(s.order)]
+        base = torch.addmv(bias, weight, empty.reshape(-1))
+        ctx.save_for_backward(grouped, empty, weight)
+        ctx.structure = s
+        return _cells_to_samples(grouped, weight, base, s)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
+        (gradient,) = gradients
+        grouped, empty, weight = ctx.saved_tensors
+        s: MapStructure = ctx.structure
+        by_row = gradient[torch.from_numpy(s.sample)]
+        total = gradient.sum(0)
+        channels = grouped.shape[1]
+        by_weight = torch.outer(total, empty.reshape(-1))
+        by_grouped = torch.empty_like(grouped)
+        for cell, (begin, end) in enumerate(_groups(s)):
+            if begin < end:
+                columns = slice(cell * channels, (cell + 1) * channels)
+                part = by_row[begin:end]
+                torch.mm(part, weight[:, columns], out=by_grouped[begin:end])
+                by_weight[:, columns].addmm_(part.t(), grouped[begin:end])
+        by_rows = torch.empty_like(by_grouped)
+        by_rows[torch.from_numpy(s.order)] = by_grouped
+        return by_rows, (total @ weight).view_as(empty), by_weight, total, None
+
+
+def cell_linear(rows: Tensor, weight: Tensor, base: Tensor, s: MapStructure) -> Tensor:
+    """CellLinear without gradients: ``base`` (F,) is the layer's response to the empty map."""
+    return _cells_to_samples(rows[torch.from_numpy(s.order)], weight, base, s)
+
+
+def _cells_to_samples(grouped: Tensor, weight: Tensor, base: Tensor, s: MapStructure) -> Tensor:
+    """``base`` plus what the rows (B, C), in the order of ``s.order``, add: (N, F)."""
+    channels = grouped.shape[1]
+    products = torch.empty(len(grouped), len(weight))
+    for cell, (begin, end) in enumerate(_groups(s)):
+        if begin < end:
+            columns = weight[:, cell * channels : (cell + 1) * channels]
+            torch.mm(grouped[begin:end], columns.t(), out=products[begin:end])
+    out = base.repeat(s.samples, 1)
+    _add_rows(products.numpy(), s.sample, out.numpy())
+    return out
+
+
+def _groups(s: MapStructure) -> list[tuple[int, int]]:
+    return list(pairwise(s.starts.tolist()))
+
+
+def convolve_pool(
+    rows: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
+) -> Tensor:
+    """Convolution, ReLU and pooling of differences; see ConvolvePool."""
+    return ConvolvePool.apply(rows, weight, conv_empty, pool_empty, level)
+
+
+def train_cell_linear(
+    rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
+) -> Tensor:
+    """The last linear layer with gradients; see CellLinear."""
+    return CellLinear.apply(rows, empty, weight, bias, s)

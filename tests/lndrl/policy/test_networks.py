@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from lndrl.config import NetworkConfig, RunConfig
 from lndrl.navigation import Observation, draw_pedestrian_map
 from lndrl.policy import Inputs, NavigationNetwork, build_policy, build_value, prepare
+from lndrl.policy.structure import map_structure
 from lndrl.scenario import Scenario
 
 
@@ -52,15 +53,47 @@ def with_random_biases(network: NavigationNetwork) -> NavigationNetwork:
     return network
 
 
-@pytest.fixture(scope="module")
-def config() -> RunConfig:
-    return make_config(map_channels=(8, 12, 16), features=32, goal_features=8)
+SMALL: dict[str, object] = {"map_channels": (8, 12, 16), "features": 32, "goal_features": 8}
+
+
+@pytest.fixture(scope="module", params=["max", "none"])
+def config(request: pytest.FixtureRequest) -> RunConfig:
+    return make_config(**SMALL, pooling=request.param)
 
 
 @pytest.fixture(scope="module")
 def network(config: RunConfig) -> NavigationNetwork:
     torch.manual_seed(3)
     return with_random_biases(build_policy(config))
+
+
+def crowd(rows: list[list[tuple[float, float]]]) -> Observation:
+    """Observations with people at the given places, each with a velocity of its own."""
+    observation = Observation.zeros(len(rows))
+    for i, places in enumerate(rows):
+        observation.pedestrian_count[i] = len(places)
+        for k, place in enumerate(places):
+            observation.pedestrians[i, k] = (*place, 0.3 - 0.1 * k, 0.05 * k - 0.2)
+    return observation
+
+
+def adversarial() -> Observation:
+    """Nobody; corners and borders; one on top of the other; the view full of people."""
+    side = (-3.0, 0.0, 3.0)
+    border = [(x, y) for x in side for y in side]
+    grid = [(x, y) for x in (-2.5, -1.5, -0.5, 0.5, 1.5, 2.5) for y in (-2.25, -0.75, 0.75, 2.25)]
+    return crowd(
+        [
+            [],
+            *[[place] for place in border],
+            border,
+            [(1.0, 1.0)] * 5,
+            [(1.0, 1.0), (1.1, 0.9), (1.2, 1.05)],
+            [(2.99, -2.99), (-2.99, 2.99)],
+            grid,
+            [],
+        ]
+    )
 
 
 def test_papers_parameter_counts() -> None:
@@ -89,24 +122,45 @@ def test_sparse_equals_dense(
     torch.testing.assert_close(sparse, reference, rtol=1e-5, atol=1e-5)
 
 
-def test_people_at_the_corners_of_the_map(config: RunConfig, network: NavigationNetwork) -> None:
-    observation = Observation.zeros(9)
-    places = [(x, y) for x in (-3.0, 0.0, 3.0) for y in (-3.0, 0.0, 3.0)]
-    for i, place in enumerate(places):
-        observation.pedestrian_count[i] = 1
-        observation.pedestrians[i, 0] = (*place, 0.3, -0.2)
+def test_sparse_equals_dense_on_adversarial_maps(
+    config: RunConfig, network: NavigationNetwork
+) -> None:
+    observation = adversarial()
     with torch.no_grad():
         sparse = network(prepare(observation, config))
         reference = network(dense(observation, config))
     torch.testing.assert_close(sparse, reference, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize("people", [0.0, 2.0, 10.0])
+@pytest.mark.parametrize("cells", [24, 32, 56])
+def test_sparse_equals_dense_on_maps_of_other_sizes(cells: int) -> None:
+    config = make_config(**SMALL)
+    task = config.task.model_copy(update={"map_cells": cells})
+    config = config.model_copy(update={"task": task})
+    network = with_random_biases(build_policy(config))
+    with torch.no_grad():
+        sparse = network(prepare(adversarial(), config))
+        reference = network(dense(adversarial(), config))
+    torch.testing.assert_close(sparse, reference, rtol=1e-5, atol=1e-5)
+
+
+def test_a_map_without_an_interior_is_evaluated_densely() -> None:
+    config = make_config(**SMALL)
+    task = config.task.model_copy(update={"map_cells": 16})
+    config = config.model_copy(update={"task": task})
+    assert isinstance(prepare(adversarial(), config).people, torch.Tensor)
+    with pytest.raises(ValueError, match="16 cells"):
+        map_structure(adversarial(), task)
+
+
+@pytest.mark.parametrize("people", [0.0, 2.0, 10.0, None])
 def test_sparse_gradients_equal_dense_ones(
-    config: RunConfig, network: NavigationNetwork, people: float
+    config: RunConfig, network: NavigationNetwork, people: float | None
 ) -> None:
-    observation = random_observation(np.random.default_rng(7), 6, people)
-    weights = torch.randn(6, 28, generator=torch.Generator().manual_seed(1))
+    rng = np.random.default_rng(7)
+    observation = adversarial() if people is None else random_observation(rng, 6, people)
+    generator = torch.Generator().manual_seed(1)
+    weights = torch.randn(len(observation), 28, generator=generator)
     gradients = []
     for inputs in (prepare(observation, config), dense(observation, config)):
         network.zero_grad()
@@ -115,6 +169,15 @@ def test_sparse_gradients_equal_dense_ones(
     for (name, _), sparse, reference in zip(network.named_parameters(), *gradients, strict=True):
         scale = float(reference.abs().max()) + 1e-6
         assert float((sparse - reference).abs().max()) / scale < 1e-4, name
+
+
+def test_frozen_weights_change_nothing(config: RunConfig) -> None:
+    network = with_random_biases(build_policy(config))
+    inputs = prepare(adversarial(), config)
+    with torch.no_grad():
+        before = network(inputs)
+        network.map_encoder.freeze()
+        torch.testing.assert_close(network(inputs), before, rtol=1e-6, atol=1e-6)
 
 
 def test_reluctance_makes_the_first_policy_turn_less() -> None:
