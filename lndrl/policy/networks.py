@@ -18,6 +18,7 @@ from torch.nn import functional as F  # noqa: N812  (torch's own convention)
 from lndrl.config import RunConfig
 from lndrl.navigation import action_table
 from lndrl.policy.inputs import Inputs, pooling_factor
+from lndrl.policy.scan import scan_convolutions
 from lndrl.policy.sparse import cell_linear, convolve_pool, flat_weight, train_cell_linear
 from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, stand_in_cells
 
@@ -42,6 +43,30 @@ class FrozenWeights:
     base: Tensor  # (features,), the linear layer's response to the empty map
 
 
+class CellLinear(nn.Module):
+    """A linear layer over a whole map (N, cells, channels) -> (N, features).
+
+    Its weights are kept cell by cell, (cells, features, channels), so that the sparse evaluation
+    reads those of a cell in one piece.
+    """
+
+    def __init__(self, cells: int, channels: int, features: int) -> None:
+        super().__init__()
+        linear = nn.Linear(cells * channels, features)
+        self.weight = nn.Parameter(torch.empty(cells, features, channels))
+        self.bias = linear.bias
+        self.set_matrix(linear.weight)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return F.linear(x.flatten(1), self.weight.transpose(0, 1).flatten(1), self.bias)
+
+    def set_matrix(self, matrix: Tensor) -> None:
+        """Take the weights (features, cells * channels) of an ordinary linear layer."""
+        with torch.no_grad():
+            cells, features, channels = self.weight.shape
+            self.weight.copy_(matrix.view(features, cells, channels).transpose(0, 1))
+
+
 class MapEncoder(nn.Module):
     """Pedestrian map (N, 3, S, S) -> (N, features)."""
 
@@ -53,7 +78,7 @@ class MapEncoder(nn.Module):
         self.conv2 = nn.Conv2d(first, second, 3, padding=1)
         self.conv3 = nn.Conv2d(second, third, 3, padding=1)
         self.cells = config.task.map_cells // self.pooling**LEVELS
-        self.linear = nn.Linear(third * self.cells**2, config.network.features)
+        self.linear = CellLinear(self.cells**2, third, config.network.features)
         self._frozen: FrozenWeights | None = None
 
     def forward(self, people: Tensor | MapStructure) -> Tensor:
@@ -70,14 +95,13 @@ class MapEncoder(nn.Module):
             empty = self._empty_response()
             last = empty[-1].pooled[torch.from_numpy(stand_in_cells(self.cells, self.pooling))]
             flat = [flat_weight(convolution.weight) for convolution in self._convolutions()]
-            self._frozen = FrozenWeights(empty, flat, self.linear(last.reshape(-1)))
+            self._frozen = FrozenWeights(empty, flat, self.linear(last[None])[0])
 
     def _dense(self, maps: Tensor) -> Tensor:
         x = maps
         for convolution in self._convolutions():
             x = self._pool(F.relu(convolution(x)))
-        # Cell-major order, so that the sparse path multiplies whole rows of channels.
-        return x.permute(0, 2, 3, 1).flatten(1)
+        return x.flatten(2).transpose(1, 2)
 
     def _sparse(self, s: MapStructure) -> Tensor:
         frozen = None if torch.is_grad_enabled() else self._frozen
@@ -97,7 +121,10 @@ class MapEncoder(nn.Module):
         x = self.conv1.weight.new_zeros(1, 3, side, side)
         found = []
         for convolution in self._convolutions():
-            values = convolution(x)
+            # Unfolded by hand: torch's convolutions are slow on a single small map.
+            assert convolution.bias is not None
+            weight, bias = convolution.weight.flatten(1), convolution.bias[:, None]
+            values = (weight @ F.unfold(x, 3, padding=1) + bias).view(1, -1, *x.shape[2:])
             x = self._pool(F.relu(values))
             found.append(EmptyResponse(*(v[0].flatten(1).t().contiguous() for v in (values, x))))
         return found
@@ -120,9 +147,14 @@ class ScanEncoder(nn.Module):
         self.linear = nn.Linear(32 * width, config.network.features)
 
     def forward(self, scan: Tensor) -> Tensor:
-        x = F.relu(self.conv1(scan.unsqueeze(1)))
-        x = F.relu(self.conv2(x))
-        return F.relu(self.linear(x.flatten(1)))
+        one, two = self.conv1, self.conv2
+        if scan.device.type == "cpu":
+            assert one.bias is not None and two.bias is not None
+            strides = one.stride[0], two.stride[0]
+            x = scan_convolutions(scan, one.weight, one.bias, two.weight, two.bias, strides)
+        else:
+            x = F.relu(two(F.relu(one(scan.unsqueeze(1))))).flatten(1)
+        return F.relu(self.linear(x))
 
 
 class NavigationNetwork(nn.Module):
@@ -176,5 +208,10 @@ def _initialized(
                 gain = head_gain if module is network.head else float(np.sqrt(2.0))
                 nn.init.orthogonal_(module.weight, gain)
                 assert module.bias is not None
+                nn.init.zeros_(module.bias)
+            elif isinstance(module, CellLinear):
+                cells, features, channels = module.weight.shape
+                matrix = torch.empty(features, cells * channels)
+                module.set_matrix(nn.init.orthogonal_(matrix, float(np.sqrt(2.0))))
                 nn.init.zeros_(module.bias)
     return network

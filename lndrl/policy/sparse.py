@@ -42,16 +42,17 @@ def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, w
                     start = k * channels
                     for j in range(channels):
                         sums[s, j] += products[row, start + j]
+        for j in range(channels):
+            out[b, j] = 0.0
+            winner[b, j] = _NONE
+        for s in range(outputs):
+            for j in range(channels):
+                higher = sums[s, j] > out[b, j]
+                out[b, j] = sums[s, j] if higher else out[b, j]
+                winner[b, j] = np.uint8(s) if higher else winner[b, j]
         place = stand_in[b, outputs]
         for j in range(channels):
-            best = np.float32(0.0)
-            index = np.uint8(_NONE)
-            for s in range(outputs):
-                higher = sums[s, j] > best
-                best = sums[s, j] if higher else best
-                index = np.uint8(s) if higher else index
-            out[b, j] = best - pool_empty[place, j]
-            winner[b, j] = index
+            out[b, j] -= pool_empty[place, j]
 
 
 @njit(cache=True, nogil=True)
@@ -152,10 +153,10 @@ def flat_weight(weight: Tensor) -> Tensor:
     return weight.permute(1, 2, 3, 0).reshape(inputs, 9 * outputs)
 
 
-class CellLinear(Function):
+class CellProduct(Function):
     """The linear layer over the cells of the last map: rows (B, C) -> (N, F).
 
-    weight (F, cells * C), bias (F,); ``empty`` (cells, C) is the whole last map of an empty map,
+    weight (cells, F, C), bias (F,); ``empty`` (cells, C) is the whole last map of an empty map,
     to which the rows are differences.
     """
 
@@ -163,47 +164,49 @@ class CellLinear(Function):
     def forward(
         ctx: Any, rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
     ) -> Tensor:
-        grouped = rows[torch.from_numpy(s.order)]
-        base = torch.addmv(bias, weight, empty.reshape(-1))
-        ctx.save_for_backward(grouped, empty, weight)
+        grouped = torch.cat((rows, empty))[torch.from_numpy(s.order)]
+        ctx.save_for_backward(grouped, weight)
         ctx.structure = s
-        return _cells_to_samples(grouped, weight, base, s)
+        out = _multiply_cells(grouped, weight, s, 0)
+        return out[:-1] + (out[-1] + bias)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
         (gradient,) = gradients
-        grouped, empty, weight = ctx.saved_tensors
+        grouped, weight = ctx.saved_tensors
         s: MapStructure = ctx.structure
-        by_row = gradient[torch.from_numpy(s.sample)]
         total = gradient.sum(0)
-        channels = grouped.shape[1]
-        by_weight = torch.outer(total, empty.reshape(-1))
+        by_row = torch.cat((gradient, total[None]))[torch.from_numpy(s.sample)]
+        by_weight = torch.empty_like(weight)
         by_grouped = torch.empty_like(grouped)
         for cell, (begin, end) in enumerate(_groups(s)):
-            if begin < end:
-                columns = slice(cell * channels, (cell + 1) * channels)
-                part = by_row[begin:end]
-                torch.mm(part, weight[:, columns], out=by_grouped[begin:end])
-                by_weight[:, columns].addmm_(part.t(), grouped[begin:end])
+            part = by_row[begin:end]
+            torch.mm(part, weight[cell], out=by_grouped[begin:end])
+            torch.mm(part.t(), grouped[begin:end], out=by_weight[cell])
         by_rows = torch.empty_like(by_grouped)
         by_rows[torch.from_numpy(s.order)] = by_grouped
-        return by_rows, (total @ weight).view_as(empty), by_weight, total, None
+        blocks = len(grouped) - len(s.cell_stand_in)
+        return by_rows[:blocks], by_rows[blocks:], by_weight, total, None
 
 
 def cell_linear(rows: Tensor, weight: Tensor, base: Tensor, s: MapStructure) -> Tensor:
-    """CellLinear without gradients: ``base`` (F,) is the layer's response to the empty map."""
-    return _cells_to_samples(rows[torch.from_numpy(s.order)], weight, base, s)
+    """CellProduct without gradients: ``base`` (F,) is the layer's response to the empty map."""
+    absent = rows.new_zeros(len(s.cell_stand_in), rows.shape[1])
+    grouped = torch.cat((rows, absent))[torch.from_numpy(s.order)]
+    return _multiply_cells(grouped, weight, s, 1)[:-1] + base
 
 
-def _cells_to_samples(grouped: Tensor, weight: Tensor, base: Tensor, s: MapStructure) -> Tensor:
-    """``base`` plus what the rows (B, C), in the order of ``s.order``, add: (N, F)."""
-    channels = grouped.shape[1]
-    products = torch.empty(len(grouped), len(weight))
+def _multiply_cells(grouped: Tensor, weight: Tensor, s: MapStructure, skip: int) -> Tensor:
+    """Sums by sample (N + 1, F) of rows in the order of ``s.order``, times their cell's weights.
+
+    The last row sums the empty responses. The first ``skip`` rows of each cell are left out.
+    """
+    products = torch.zeros(len(grouped), weight.shape[1])
     for cell, (begin, end) in enumerate(_groups(s)):
-        if begin < end:
-            columns = weight[:, cell * channels : (cell + 1) * channels]
-            torch.mm(grouped[begin:end], columns.t(), out=products[begin:end])
-    out = base.repeat(s.samples, 1)
+        if begin + skip < end:
+            rows = slice(begin + skip, end)
+            torch.mm(grouped[rows], weight[cell].t(), out=products[rows])
+    out = torch.zeros(s.samples + 1, weight.shape[1])
     _add_rows(products.numpy(), s.sample, out.numpy())
     return out
 
@@ -222,5 +225,5 @@ def convolve_pool(
 def train_cell_linear(
     rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
 ) -> Tensor:
-    """The last linear layer with gradients; see CellLinear."""
-    return CellLinear.apply(rows, empty, weight, bias, s)
+    """The last linear layer with gradients; see CellProduct."""
+    return CellProduct.apply(rows, empty, weight, bias, s)

@@ -57,9 +57,10 @@ class MapStructure:
         samples: N.
         values: float32 (R, 3), the map's channels where somebody stands.
         levels: the three convolutions; the first reads ``values``.
-        order: int64 (B,), the last level's blocks cell by cell.
-        starts: int64 (cells + 1,), where in ``order`` the blocks of a cell begin.
-        sample: int64 (B,), the sample of each entry of ``order``.
+        order: int64 (B + cells,), the last level's blocks cell by cell; each cell begins with
+            its empty response, B + cell.
+        starts: int64 (cells + 1,), where in ``order`` a cell begins.
+        sample: int64 (B + cells,), the sample of each entry of ``order``; N for empty responses.
         cell_stand_in: int64 (cells,), place of each cell of the last map in the stand-in.
     """
 
@@ -177,18 +178,21 @@ def _level(cells, ends, size, small, pooling):
 
 @njit(cache=True, nogil=True)
 def _by_cell(blocks, ends, cells):
-    """Blocks sorted by cell (stable): their order, where each cell starts, their samples."""
+    """Blocks sorted by cell (stable), as ``order``, ``starts`` and ``sample`` of MapStructure."""
     starts = np.zeros(cells + 1, np.int64)
-    place = np.empty(cells, np.int64)
     for block in blocks:
         starts[block + 1] += 1
+    number, samples = blocks.shape[0], ends.shape[0]
+    order = np.empty(number + cells, np.int64)
+    sample = np.empty(number + cells, np.int64)
+    place = np.empty(cells, np.int64)
     for cell in range(cells):
-        place[cell] = starts[cell]
-        starts[cell + 1] += starts[cell]
-    order = np.empty(blocks.shape[0], np.int64)
-    sample = np.empty(blocks.shape[0], np.int64)
+        starts[cell + 1] += starts[cell] + 1
+        order[starts[cell]] = number + cell
+        sample[starts[cell]] = samples
+        place[cell] = starts[cell] + 1
     b = 0
-    for i in range(ends.shape[0]):
+    for i in range(samples):
         while b < ends[i]:
             cell = blocks[b]
             order[place[cell]] = b

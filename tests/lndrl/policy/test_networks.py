@@ -105,7 +105,7 @@ def test_papers_parameter_counts() -> None:
 def test_without_pooling_the_map_keeps_its_size() -> None:
     config = make_config(pooling="none", map_channels=(2, 2, 2), features=8)
     network = build_policy(config)
-    assert network.map_encoder.linear.in_features == 2 * 48 * 48
+    assert network.map_encoder.linear.weight.numel() == 8 * 2 * 48 * 48
     observation = random_observation(np.random.default_rng(0), 3, 1.0)
     assert network(prepare(observation, config)).shape == (3, 28)
 
