@@ -8,37 +8,99 @@ import numpy as np
 import torch
 
 from lndrl.bench.report import median_seconds
-from lndrl.bench.scene import WORLDS, hybrid_config, observations
-from lndrl.policy import PolicyRunner
+from lndrl.bench.scene import hybrid_config, observations
+from lndrl.config import RunConfig
+from lndrl.navigation import Observation, draw_pedestrian_map
+from lndrl.policy import Inputs, PolicyRunner, prepare
 
-BATCHES = (WORLDS, 32)
-_VARIETY = 16
+BATCH = 64
+"""Worlds of an actor where few actors share a machine."""
+OTHER_BATCHES = (8, 32)
+IN_VIEW = (2, 4)  # people
+_VARIETY = 8
+_MET = 4096
 
 
 def measure(seconds: float) -> dict[str, Any]:
-    """``samples_per_second`` of ``PolicyRunner.act`` with the worlds of one actor as its batch.
+    """``samples_per_second`` of ``PolicyRunner.act`` with 2 to 4 people in view, by one thread.
 
-    ``by_batch`` has other batch sizes, too. One torch thread, as in actors; a sample is one
-    observation, drawing of the pedestrian map and sampling of the action included.
+    A sample is one observation, drawing of the pedestrian map and sampling of the action
+    included. ``by_batch`` has other batch sizes, ``samples_per_second_as_met`` the people that
+    randomly driven worlds show. ``samples_per_second_dense`` evaluates the same networks densely,
+    from which log-probabilities differ by ``max_difference`` at most;
+    ``samples_per_second_bf16`` does its products in bfloat16.
     """
     config = hybrid_config()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
+        met = observations(config, _MET, 1)[0]
+        count = met.pedestrian_count
+        crowded = met.take((count >= IN_VIEW[0]) & (count <= IN_VIEW[1]))
         runner = PolicyRunner(config)
-        rates = {str(batch): _rate(runner, batch, seconds) for batch in BATCHES}
+        return {
+            "samples_per_second": _rate(runner, crowded, BATCH, seconds),
+            "batch": BATCH,
+            "people_in_view": float(crowded.pedestrian_count.mean()),
+            "by_batch": {str(b): _rate(runner, crowded, b, seconds) for b in OTHER_BATCHES},
+            "samples_per_second_as_met": _rate(runner, met, BATCH, seconds),
+            "samples_per_second_dense": _dense_rate(runner, crowded, seconds),
+            "samples_per_second_bf16": _rate(
+                PolicyRunner(config, bfloat16=True), crowded, BATCH, seconds
+            ),
+            "bf16_instructions": bool(torch.cpu._is_avx512_bf16_supported()),
+            "max_difference": _difference(runner, crowded),
+        }
     finally:
         torch.set_num_threads(threads)
-    return {"samples_per_second": rates[str(WORLDS)], "by_batch": rates}
 
 
-def _rate(runner: PolicyRunner, batch: int, seconds: float) -> float:
-    seen = observations(runner.config, batch, _VARIETY)
+def _rate(runner: PolicyRunner, met: Observation, batch: int, seconds: float) -> float:
     generator = np.random.default_rng(0)
+    pieces = _pieces(met, batch)
 
     def act_on_all() -> None:
         # Different observations one after the other: how many people are in view matters.
-        for observation in seen:
+        for observation in pieces:
             runner.act(observation, generator)
 
     return _VARIETY * batch / median_seconds(act_on_all, seconds)
+
+
+def _dense_rate(runner: PolicyRunner, met: Observation, seconds: float) -> float:
+    pieces = _pieces(met, BATCH)[:2]
+
+    def act_on_all() -> None:
+        for observation in pieces:
+            _dense(runner, observation)
+
+    return len(pieces) * BATCH / median_seconds(act_on_all, seconds)
+
+
+def _difference(runner: PolicyRunner, met: Observation) -> float:
+    """Largest difference of log-probabilities to the dense evaluation, in float32."""
+    pieces = _pieces(met, BATCH)
+    return max(
+        float(np.abs(runner.log_probabilities(piece) - _dense(runner, piece)).max())
+        for piece in pieces
+    )
+
+
+def _dense(runner: PolicyRunner, observation: Observation) -> Any:
+    with torch.inference_mode():
+        logits = runner.network(_drawn(observation, runner.config))
+        return torch.log_softmax(logits, dim=1).numpy()
+
+
+def _drawn(observation: Observation, config: RunConfig) -> Inputs:
+    maps = draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, config.task)
+    people = torch.from_numpy(maps).contiguous(memory_format=torch.channels_last)
+    nobody = observation.copy()
+    nobody.pedestrian_count[:] = 0
+    inputs = prepare(nobody, config)
+    return Inputs(inputs.scan, inputs.goal, people)
+
+
+def _pieces(met: Observation, batch: int) -> list[Observation]:
+    rows = np.arange(_VARIETY * batch) % len(met)
+    return [met.take(part) for part in np.split(rows, _VARIETY)]

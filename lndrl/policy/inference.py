@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -14,11 +16,16 @@ from lndrl.policy.weights import load_into
 
 
 class PolicyRunner:
-    """A policy without gradients; the weights can be replaced at any time between calls."""
+    """A policy without gradients; the weights can be replaced at any time between calls.
 
-    def __init__(self, config: RunConfig, device: str = "cpu") -> None:
+    ``bfloat16`` does the products in bfloat16, which pays on processors that have instructions
+    for it and costs about two decimal digits of the log-probabilities.
+    """
+
+    def __init__(self, config: RunConfig, device: str = "cpu", bfloat16: bool = False) -> None:
         self.config = config
         self.device = device
+        self.bfloat16 = bfloat16
         self.network = build_policy(config).to(device).requires_grad_(False).eval()
         self._freeze()
 
@@ -29,8 +36,10 @@ class PolicyRunner:
 
     def log_probabilities(self, observation: Observation) -> NDArray[np.float32]:
         """Log-probabilities (B, actions) for observations (B,)."""
-        with torch.inference_mode():
-            logits = self.network(prepare(observation, self.config, self.device))
+        inputs = prepare(observation, self.config, self.device)
+        kind = torch.device(self.device).type
+        with torch.inference_mode(), torch.autocast(kind, torch.bfloat16, enabled=self.bfloat16):
+            logits = self._acting(inputs)
             return torch.log_softmax(logits.float(), dim=1).cpu().numpy()
 
     def act(
@@ -48,5 +57,9 @@ class PolicyRunner:
         return action.astype(np.uint8), chosen
 
     def _freeze(self) -> None:
+        """Make what acts from the weights, once for all calls until the next ones."""
+        self._acting = self.network
+        if self.bfloat16:
+            self._acting = copy.deepcopy(self.network).bfloat16()
         if self.device == "cpu" and supports_sparse(self.config):
-            self.network.map_encoder.freeze()
+            self._acting.map_encoder.freeze()

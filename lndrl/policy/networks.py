@@ -95,7 +95,9 @@ class MapEncoder(nn.Module):
             empty = self._empty_response()
             last = empty[-1].pooled[torch.from_numpy(stand_in_cells(self.cells, self.pooling))]
             flat = [flat_weight(convolution.weight) for convolution in self._convolutions()]
-            self._frozen = FrozenWeights(empty, flat, self.linear(last[None])[0])
+            self._frozen = FrozenWeights(
+                empty, flat, self.linear(last.to(flat[-1].dtype)[None])[0].float()
+            )
 
     def _dense(self, maps: Tensor) -> Tensor:
         x = maps
@@ -126,7 +128,8 @@ class MapEncoder(nn.Module):
             weight, bias = convolution.weight.flatten(1), convolution.bias[:, None]
             values = (weight @ F.unfold(x, 3, padding=1) + bias).view(1, -1, *x.shape[2:])
             x = self._pool(F.relu(values))
-            found.append(EmptyResponse(*(v[0].flatten(1).t().contiguous() for v in (values, x))))
+            rows = (v[0].flatten(1).t().float().contiguous() for v in (values, x))
+            found.append(EmptyResponse(*rows))
         return found
 
     def _convolutions(self) -> tuple[nn.Conv2d, nn.Conv2d, nn.Conv2d]:

@@ -15,6 +15,8 @@ from numba import njit
 from torch import Tensor
 from torch.autograd import Function
 
+from lndrl.policy.sparse import product
+
 _CHUNK = 16  # scans at a time, so that their windows stay in the cache
 
 
@@ -98,7 +100,8 @@ class ScanConvolutions(Function):
         bias2: Tensor,
         strides: tuple[int, int],
     ) -> Tensor:
-        first = _First(weight1.detach()[:, 0].t().contiguous(), bias1.detach(), *strides)
+        flat1, bias1 = weight1.detach()[:, 0].t().float().contiguous(), bias1.detach().float()
+        first = _First(flat1, bias1, *strides)
         channels, inputs, kernel = weight2.shape
         flat2 = weight2.detach().permute(2, 1, 0).reshape(kernel * inputs, channels)
         hidden, windows = first.buffers(scan.shape[1], kernel)
@@ -107,7 +110,7 @@ class ScanConvolutions(Function):
             part, into = scan[begin : begin + _CHUNK], out[begin : begin + _CHUNK]
             seen = windows[: len(part)]
             first.windows(part, hidden, seen)
-            values = torch.addmm(bias2, seen.view(-1, len(flat2)), flat2)
+            values = product(seen.view(-1, len(flat2)), flat2).add_(bias2)
             _relu_by_channel(values.view(len(part), -1, channels).numpy(), into.numpy())
         ctx.save_for_backward(scan, out, flat2)
         ctx.first, ctx.kernel = first, kernel

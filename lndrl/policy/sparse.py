@@ -96,6 +96,11 @@ def _add_rows(rows, index, out):
             out[index[i], j] += rows[i, j]
 
 
+def product(rows: Tensor, weight: Tensor) -> Tensor:
+    """``rows @ weight`` in the type of the weights, as float32: the kernels know no other."""
+    return (rows.to(weight.dtype) @ weight).float()
+
+
 class ConvolvePool(Function):
     """Convolution, ReLU and pooling of rows (R, C) -> (B, O), all as differences.
 
@@ -113,7 +118,7 @@ class ConvolvePool(Function):
         level: Level,
     ) -> Tensor:
         channels = weight.shape[1] // 9
-        products = rows @ weight
+        products = product(rows, weight)
         out = torch.empty(len(level.taps), channels)
         winner = torch.empty(len(level.taps), channels, dtype=torch.uint8)
         _sum_and_pool(
@@ -205,7 +210,10 @@ def _multiply_cells(grouped: Tensor, weight: Tensor, s: MapStructure, skip: int)
     for cell, (begin, end) in enumerate(_groups(s)):
         if begin + skip < end:
             rows = slice(begin + skip, end)
-            torch.mm(grouped[rows], weight[cell].t(), out=products[rows])
+            if weight.dtype == torch.float32:
+                torch.mm(grouped[rows], weight[cell].t(), out=products[rows])
+            else:
+                products[rows] = product(grouped[rows], weight[cell].t())
     out = torch.zeros(s.samples + 1, weight.shape[1])
     _add_rows(products.numpy(), s.sample, out.numpy())
     return out

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from test_networks import make_config, random_observation
 
 from lndrl.errors import UserError
@@ -44,6 +45,18 @@ def test_greedy_takes_the_likeliest_and_seeds_repeat() -> None:
     np.testing.assert_allclose(log_prob, table.max(1), rtol=1e-5)
     first = policy.act(observation, np.random.default_rng(5))[0]
     np.testing.assert_array_equal(first, policy.act(observation, np.random.default_rng(5))[0])
+
+
+def test_bfloat16_is_the_same_policy_within_its_digits() -> None:
+    exact, coarse = runner(), PolicyRunner(CONFIG, bfloat16=True)
+    coarse.load(initial_weights(CONFIG))
+    for policy in (exact, coarse):
+        policy.network.head.weight.normal_(generator=torch.Generator().manual_seed(0))
+        policy._freeze()
+    observation = random_observation(np.random.default_rng(0), 32, 2.0)
+    difference = exact.log_probabilities(observation) - coarse.log_probabilities(observation)
+    # Products of eight bits each: 2^-8 of logits that differ by about ten.
+    assert 0.0 < np.abs(difference).max() < 0.1
 
 
 def test_weights_of_another_network_are_refused_by_name() -> None:
