@@ -52,4 +52,4 @@ def _disc_cells(position: Tensor, present: Tensor, task: TaskConfig) -> Tensor:
     inside = squared[:, :, 0, :, None] + squared[:, :, 1, None, :] <= radius * radius
     inside = inside & on_map[:, :, 0, :, None] & on_map[:, :, 1, None, :]
     cell = lines[:, :, 0, :, None] * cells + lines[:, :, 1, None, :]
-    return torch.where(inside, cell, float(cells * cells)).long().flatten(2)
+    return cell.masked_fill(~inside, float(cells * cells)).long().flatten(2)

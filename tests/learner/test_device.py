@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 import torch
 from helpers_learner import random_trajectory, small_config
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from learner.batch import assemble
 from learner.checkpoint import Counters, load_checkpoint, save_checkpoint
-from learner.graphs import GraphedStep
+from learner.graphs import GraphedStep, record_cuda_graph
 from learner.rollout_store import RolloutStore
 from learner.update import PPO
 
@@ -107,6 +112,101 @@ def test_a_checkpoint_moves_between_devices(trainer, device, tmp_path: Path) -> 
         figures = other.update(second, 0.5)
         for name in ("policy_loss", "value_loss", "learning_rate"):
             assert figures[name] == pytest.approx(expected[name], rel=tolerance, abs=1e-6), name
+
+
+class Operations(TorchDispatchMode):
+    """Names of all operations that run inside."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names: set[str] = set()
+
+    def __torch_dispatch__(self, operation, types, args=(), kwargs=None):
+        self.names.add(operation.overloadpacket.__name__)
+        return operation(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_a_step_never_waits_for_the_device(trainer, precision: str) -> None:
+    """Operations whose result the host reads, or whose size depends on data, break a graph."""
+    ppo = trainer(dense=True, learner={"precision": precision}, dual_clip=3.0)
+    (batch,) = batches(ppo, 1)
+    ppo.update(batch, 0.0)
+    with Operations() as operations:
+        for trainee in (ppo._actor, ppo._critic):
+            trainee.step(None, torch.arange(16))
+    assert {"scatter_reduce_", "convolution_backward", "_fused_adam_"} <= operations.names
+    reading = {"_local_scalar_dense", "is_nonzero", "equal", "item"}
+    sizing = {"nonzero", "masked_select", "unique_dim", "_unique2", "index", "lift_fresh"}
+    assert not operations.names & (reading | sizing)
+
+
+class Stream:
+    """Stands in for a CUDA stream; remembers who waited for whom."""
+
+    log: ClassVar[list[str]] = []
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def wait_stream(self, other: Stream) -> None:
+        self.log.append(f"{self.name} after {other.name}")
+
+
+def test_streams_start_after_the_upload_and_end_before_the_next(trainer, monkeypatch) -> None:
+    current = [Stream("main")]
+
+    @contextmanager
+    def on(stream: Stream):
+        current.append(stream)
+        yield
+        current.pop()
+
+    monkeypatch.setattr(torch.cuda, "stream", on)
+    monkeypatch.setattr(torch.cuda, "current_stream", lambda device: current[-1])
+    ppo = trainer(dense=True)
+    ppo._actor.stream, ppo._critic.stream = Stream("policy"), Stream("value")
+    steps: list[str] = []
+    for trainee in (ppo._actor, ppo._critic):
+        work = trainee._whole_step
+        monkeypatch.setattr(
+            trainee, "_whole_step", lambda *a, w=work: (steps.append(current[-1].name), w(*a))
+        )
+    monkeypatch.setattr(ppo.samples, "load", partial(_logged, ppo.samples.load, "load"))
+    monkeypatch.setattr(ppo.samples, "set_goals", partial(_logged, ppo.samples.set_goals, "goals"))
+    Stream.log.clear()
+    (batch,) = batches(ppo, 1)
+    ppo.update(batch, 0.0)
+    around = ["policy after main", "value after main", "main after policy", "main after value"]
+    assert Stream.log == ["load", *around, "goals", *around]
+    assert steps == ["policy", "value"] * (2 * 3)
+
+
+def _logged(call, name: str, *arguments):
+    Stream.log.append(name)
+    return call(*arguments)
+
+
+def test_recording_asks_cuda_for_what_it_knows(monkeypatch) -> None:
+    log = []
+
+    class Graph:
+        def replay(self) -> None:
+            log.append("replay")
+
+    real = inspect.signature(torch.cuda.graph.__init__)
+
+    @contextmanager
+    def capture(graph, **options):
+        real.bind(None, graph, **options)
+        log.append(sorted(options))
+        yield
+
+    monkeypatch.setattr(torch.cuda, "CUDAGraph", Graph)
+    monkeypatch.setattr(torch.cuda, "graph", capture)
+    replay = record_cuda_graph(Stream("policy"), lambda: log.append("work"))
+    replay()
+    assert log == [["capture_error_mode", "stream"], "work", "replay"]
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
