@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learner.advantages import generalized_advantages
+from learner.rollout_store import RolloutStore
 from lndrl.config import PPOConfig
 from lndrl.navigation import Observation, Trajectory
 
@@ -32,16 +33,12 @@ class Batch:
         return len(self.action)
 
 
-def assemble(trajectories: Sequence[Trajectory]) -> Batch:
-    """Join at least one trajectory into a batch."""
-    return Batch(
-        trajectories=tuple(trajectories),
-        observation=Observation.concatenate([t.observation.flatten() for t in trajectories]),
-        final_observation=Observation.concatenate([t.final_observation for t in trajectories]),
-        action=np.concatenate([t.action.reshape(-1) for t in trajectories]).astype(np.int64),
-        log_prob=np.concatenate([t.log_prob.reshape(-1) for t in trajectories]),
-        version=np.concatenate([t.version.reshape(-1) for t in trajectories]).astype(np.int64),
-    )
+def assemble(trajectories: Sequence[Trajectory], store: RolloutStore | None = None) -> Batch:
+    """Join at least one trajectory into a batch.
+
+    With a ``store`` the batch lives in its memory, until the next one is assembled there.
+    """
+    return Batch(tuple(trajectories), *(store or RolloutStore()).fill(trajectories))
 
 
 def batch_advantages(
@@ -51,30 +48,34 @@ def batch_advantages(
     ppo: PPOConfig,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Advantages and value targets (N,) from values (N,) and final values (F,)."""
-    advantages, targets = [], []
-    sample, final = 0, 0
-    for trajectory in batch.trajectories:
-        shape = trajectory.reward.shape
-        count, cuts = trajectory.reward.size, len(trajectory.final_index)
-        at_cuts = np.zeros(count, np.float32)
-        at_cuts[trajectory.final_index] = final_value[final : final + cuts]
-        terminated = trajectory.terminated.astype(bool)
-        truncated = trajectory.truncated.astype(bool)
+    advantage, target = np.empty_like(value), np.empty_like(value)
+    at_cuts = np.zeros_like(value)
+    firsts = np.cumsum([0, *(t.action.size for t in batch.trajectories)])
+    places = [t.final_index + n for t, n in zip(batch.trajectories, firsts, strict=False)]
+    at_cuts[np.concatenate(places)] = final_value
+    for steps in {t.steps: None for t in batch.trajectories}:
+        # Chunks of one length lie side by side: the loop over time runs once for all of them.
+        members = [i for i, t in enumerate(batch.trajectories) if t.steps == steps]
+        chunks = [batch.trajectories[i] for i in members]
+        rows = [np.s_[firsts[i] : firsts[i + 1]] for i in members]
+        terminated = np.concatenate([t.terminated for t in chunks], axis=1).astype(bool)
+        truncated = np.concatenate([t.truncated for t in chunks], axis=1).astype(bool)
         if not ppo.bootstrap_truncated:
             terminated, truncated = terminated | truncated, np.zeros_like(truncated)
-        advantage, target = generalized_advantages(
-            learning_reward(trajectory.reward, ppo),
-            value[sample : sample + count].reshape(shape),
+        results = generalized_advantages(
+            learning_reward(np.concatenate([t.reward for t in chunks], axis=1), ppo),
+            np.concatenate([value[r].reshape(steps, -1) for r in rows], axis=1),
             terminated,
             truncated,
-            at_cuts.reshape(shape),
+            np.concatenate([at_cuts[r].reshape(steps, -1) for r in rows], axis=1),
             ppo.gamma,
             ppo.gae_lambda,
         )
-        advantages.append(advantage.reshape(-1))
-        targets.append(target.reshape(-1))
-        sample, final = sample + count, final + cuts
-    return np.concatenate(advantages), np.concatenate(targets)
+        borders = np.cumsum([t.worlds for t in chunks])[:-1]
+        for whole, result in zip((advantage, target), results, strict=True):
+            for r, columns in zip(rows, np.split(result, borders, axis=1), strict=True):
+                whole[r] = columns.reshape(-1)
+    return advantage, target
 
 
 def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:

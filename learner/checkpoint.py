@@ -21,6 +21,7 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 from torch import Tensor
 
+from learner.trainee import set_rate
 from learner.update import PPO
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
@@ -66,7 +67,7 @@ def save_checkpoint(
         "roster": roster,
         "generator": ppo.rng.bit_generator.state,
         "learning_rates": [
-            optimizer.param_groups[0]["lr"]
+            float(optimizer.param_groups[0]["lr"])
             for optimizer in (ppo.policy_optimizer, ppo.value_optimizer)
         ],
         "digests": {file: hashlib.sha256(data).hexdigest() for file, data in files.items()},
@@ -148,8 +149,7 @@ def _restore_optimizers(
     ppo: PPO, tensors: dict[str, Tensor], rates: list[float], path: Path
 ) -> None:
     for (owner, (optimizer, network)), rate in zip(_optimizers(ppo).items(), rates, strict=True):
-        for group in optimizer.param_groups:
-            group["lr"] = rate
+        set_rate(optimizer, rate)
         for name, parameter in network.named_parameters():
             moments = {}
             for key in ("step", "exp_avg", "exp_avg_sq"):
@@ -158,8 +158,10 @@ def _restore_optimizers(
                     continue
                 if key != "step" and tensor.shape != parameter.shape:
                     raise UserError(f"{path}: {owner}/{name} is of another network")
-                # The step counter stays where torch keeps it for fused optimizers.
-                moments[key] = tensor.to(parameter.device)
+                # The step counter stays where torch keeps it for fused optimizers, and moments
+                # lie in memory like their parameter: Adam goes through them side by side.
+                like = tensor if key == "step" else parameter
+                moments[key] = torch.empty_like(like, device=parameter.device).copy_(tensor)
             if moments:
                 optimizer.state[parameter] = moments
 

@@ -16,6 +16,7 @@ from learner.folder import RunFolder
 from learner.ingest import Chunk, Ingest
 from learner.memory import keep_freed_memory
 from learner.record import EpisodeWindow, Recorder, RunSummary
+from learner.rollout_store import RolloutStore
 from learner.roster import Roster
 from learner.timing import TimeSplit
 from learner.update import PPO, DivergedError
@@ -53,6 +54,7 @@ class Learner:
         self.config = config
         self.endpoint = endpoint
         self.ppo = PPO(config)
+        self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
         self.roster = Roster()
         self.counters = Counters()
         if resume:
@@ -101,7 +103,7 @@ class Learner:
             return False
         began = time.monotonic()
         with self.split.during("ingest"):
-            batch = assemble([chunk.trajectory for chunk in chunks])
+            batch = assemble([chunk.trajectory for chunk in chunks], self.store)
         with self.split.during("update"):
             self._update(batch)
         with self.split.during("publish"):

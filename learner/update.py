@@ -1,14 +1,15 @@
 """One PPO update: both networks trained side by side on one batch.
 
-Policy and value network share nothing, so each is trained in its own thread: two matrix
-products at a time keep two cores busier than one product that is split over both.
+Policy and value network share nothing but what they read, so they are trained at the same time.
+On the CPU each has a thread: two matrix products at a time keep two cores busier than one product
+that is split over both. A GPU is fed by one thread and has a stream for each network.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
 from typing import TypeVar
 
@@ -19,37 +20,61 @@ from torch import Tensor
 
 from learner.batch import Batch, batch_advantages
 from learner.losses import explained_variance, policy_loss, value_loss
+from learner.samples import DeviceSamples, Samples, SharedInputs
+from learner.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
-from lndrl.navigation import Observation
-from lndrl.policy import Inputs, NavigationNetwork, build_policy, build_value, prepare
+from lndrl.policy import (
+    NavigationNetwork,
+    build_policy,
+    build_value,
+    resolve_device,
+    supports_sparse,
+)
 
+__all__ = ["PPO", "DivergedError"]
+
+_POLICY_FIGURES = ("policy_loss", "entropy", "kl", "clip_fraction", "importance_max")
 _FORWARD_ROWS = 256  # rows per pass without gradients: fits the caches, bounds the memory
+_FORWARD_ROWS_GPU = 2048
 
 R = TypeVar("R")
-S = TypeVar("S")
-
-
-class DivergedError(RuntimeError):
-    """A loss or gradient was not finite; the networks may be spoilt."""
 
 
 class PPO:
     """Networks, optimizers and the update rule.
 
+    Args:
+        config: the run; ``learner`` says where and how precisely the networks are evaluated.
+        dense: train on the CPU the way a GPU does, dense and in one thread; for tests.
+
     Attributes:
         policy, value: the two networks.
         policy_optimizer, value_optimizer: Adam, one each.
         rng: order of the minibatches; part of a checkpoint.
+        device, precision: where the networks are, and the dtype of their products.
+
+    Raises UserError when the device is not there.
     """
 
-    def __init__(self, config: RunConfig, device: str = "cpu") -> None:
+    def __init__(self, config: RunConfig, dense: bool = False) -> None:
         self.config = config
-        self.device = device
+        self.device = resolve_device(config.learner.device)
+        self.precision = _precision(config.learner.precision, self.device)
+        self._on_device = dense or self.device.type != "cpu"
         torch.manual_seed(config.seed)
-        self.policy = build_policy(config).to(device)
-        self.value = build_value(config).to(device)
-        self.policy_optimizer = self._adam(self.policy, config.ppo.actor_learning_rate)
-        self.value_optimizer = self._adam(self.value, config.ppo.critic_learning_rate)
+        self.policy = self._placed(build_policy(config))
+        self.value = self._placed(build_value(config))
+        self._actor = self._trainee(
+            self.policy, config.ppo.actor_learning_rate, self._policy_loss, _POLICY_FIGURES
+        )
+        self._critic = self._trainee(
+            self.value, config.ppo.critic_learning_rate, self._value_loss, ()
+        )
+        self.policy_optimizer = self._actor.optimizer
+        self.value_optimizer = self._critic.optimizer
+        self.samples: Samples = (
+            DeviceSamples(config, self.device) if self._on_device else Samples(config)
+        )
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or os.cpu_count() or 1
         self.threads = max(1, cores // 2)
@@ -66,16 +91,15 @@ class PPO:
         """
         ppo = self.config.ppo
         scale = 1.0 - progress if ppo.learning_rate_schedule == "linear" else 1.0
-        self._set_learning_rates(scale)
-        proximal, values = self._together(
-            lambda: self._proximal_log_prob(batch), lambda: self._values(batch)
-        )
-        value, final_value = values[: len(batch)], values[len(batch) :]
+        self._actor.set_rate(scale * ppo.actor_learning_rate)
+        self._critic.set_rate(scale * ppo.critic_learning_rate)
+        self._load(batch)
+        proximal, value, final_value = self._forward(batch)
         advantage, target = batch_advantages(batch, value, final_value, ppo)
         variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
         if ppo.normalize_advantages:
             advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
-        figures = self.train(batch, proximal, advantage, target)
+        figures = self._train(len(batch), proximal, advantage, target)
         figures["explained_variance"] = variance
         figures["learning_rate"] = scale * ppo.actor_learning_rate
         return figures
@@ -91,205 +115,165 @@ class PPO:
 
         Returns the means of the figures over the gradient steps. Raises DivergedError.
         """
-        orders = [self.rng.permutation(len(batch)) for _ in range(self.config.ppo.epochs)]
-        if self.config.ppo.joint_gradient_norm:
-            return self._train_jointly(batch, proximal, advantage, target, orders)
-        first, second = self._together(
-            lambda: self._train_policy(batch, proximal, advantage, orders),
-            lambda: self._train_value(batch, target, orders),
-        )
-        return first | second
+        self._load(batch)
+        return self._train(len(batch), torch.from_numpy(proximal), advantage, target)
 
-    # -- the two networks' work, each in its thread ------------------------------------------
+    # -- the two phases of an update ---------------------------------------------------------
 
-    def _train_policy(
+    def _forward(self, batch: Batch) -> tuple[Tensor, NDArray[np.float32], NDArray[np.float32]]:
+        """Proximal log-probabilities (N,), on the device; values (N,) and final values (F,)."""
+        size = _FORWARD_ROWS_GPU if self._on_device else _FORWARD_ROWS
+        count, finals = len(batch), len(batch.final_observation)
+        inputs = self._shared()
+
+        def proximal() -> Tensor:
+            logits = self._actor.outputs(inputs.get, count, size)
+            action = self.samples.action[:count].unsqueeze(1)
+            return torch.log_softmax(logits, dim=1).gather(1, action).squeeze(1)
+
+        def values() -> Tensor:
+            value = self._critic.outputs(inputs.get, count, size)
+            final = self._critic.outputs(self.samples.final_inputs, finals, size)
+            return torch.cat((value, final)).squeeze(1)
+
+        log_prob, both = self._each((self._actor, proximal), (self._critic, values))
+        value = both.cpu().numpy()
+        return log_prob, value[:count], value[count:]
+
+    def _train(
         self,
-        batch: Batch,
-        proximal: NDArray[np.float32],
-        advantage: NDArray[np.float32],
-        orders: list[NDArray[np.int64]],
-    ) -> dict[str, float]:
-        figures = _Means()
-        for order in orders:
-            kl = _Means()
-            for rows in self._minibatches(order):
-                self.policy_optimizer.zero_grad(set_to_none=False)
-                loss, numbers = self._policy_backward(batch, proximal, advantage, rows)
-                norm = self._clip([self.policy], loss)
-                self.policy_optimizer.step()
-                figures.add(numbers | {"gradient_norm_policy": norm})
-                kl.add({"kl": numbers["kl"]})
-            if self.config.ppo.target_kl and kl.mean()["kl"] > self.config.ppo.target_kl:
-                break
-        return figures.mean()
-
-    def _train_value(
-        self, batch: Batch, target: NDArray[np.float32], orders: list[NDArray[np.int64]]
-    ) -> dict[str, float]:
-        figures = _Means()
-        for order in orders:
-            for rows in self._minibatches(order):
-                self.value_optimizer.zero_grad(set_to_none=False)
-                loss = self._value_backward(batch, target, rows)
-                norm = self._clip([self.value], loss)
-                self.value_optimizer.step()
-                figures.add({"value_loss": loss, "gradient_norm_value": norm})
-        return figures.mean()
-
-    def _train_jointly(
-        self,
-        batch: Batch,
-        proximal: NDArray[np.float32],
+        count: int,
+        proximal: Tensor,
         advantage: NDArray[np.float32],
         target: NDArray[np.float32],
-        orders: list[NDArray[np.int64]],
     ) -> dict[str, float]:
-        """As published by the group: one gradient norm over both networks."""
-        figures = _Means()
-        for order in orders:
-            for rows in self._minibatches(order):
-                self.policy_optimizer.zero_grad(set_to_none=False)
-                self.value_optimizer.zero_grad(set_to_none=False)
-                (loss, numbers), value = self._together(
-                    partial(self._policy_backward, batch, proximal, advantage, rows),
-                    partial(self._value_backward, batch, target, rows),
-                )
-                norm = self._clip([self.policy, self.value], loss + value)
-                self._together(self.policy_optimizer.step, self.value_optimizer.step)
-                figures.add(
-                    numbers
-                    | {"value_loss": value, "gradient_norm_policy": norm}
-                    | {"gradient_norm_value": norm}
-                )
-            if self.config.ppo.target_kl and figures.mean()["kl"] > self.config.ppo.target_kl:
-                break
-        return figures.mean()
+        self.samples.set_goals(proximal, advantage, target)
+        orders = self.samples.orders(
+            [self.rng.permutation(count) for _ in range(self.config.ppo.epochs)]
+        )
+        both = (self._actor, self._critic)
+        inputs = self._shared()
+        for trainee in both:
+            trainee.begin(inputs.get)
+        if self._on_device or self.config.ppo.joint_gradient_norm:
+            for trainee in both:
+                trainee.wait()
+            self._epochs(list(both), orders)
+            for trainee in both:
+                trainee.join()
+        else:
+            self._each(*((t, partial(self._alone, t, orders, inputs)) for t in both))
+        policy, value = (trainee.figures() for trainee in both)
+        return {
+            **{name: policy[name] for name in _POLICY_FIGURES},
+            "gradient_norm_policy": policy["gradient_norm"],
+            "value_loss": value["loss"],
+            "gradient_norm_value": value["gradient_norm"],
+        }
 
-    def _policy_backward(
-        self,
-        batch: Batch,
-        proximal: NDArray[np.float32],
-        advantage: NDArray[np.float32],
-        rows: NDArray[np.int64],
-    ) -> tuple[float, dict[str, float]]:
-        """Accumulate the policy's gradient over ``rows``; its loss and figures."""
+    def _epochs(self, trainees: list[Trainee], orders: list[Tensor]) -> None:
+        """All epochs of ``trainees``, in step with one another; the policy may end early."""
         ppo = self.config.ppo
-        figures = _Means()
-        total = 0.0
-        for part in _parts(rows):
-            share = len(part) / len(rows)
-            loss = policy_loss(
-                self.policy(self._inputs(batch.observation.take(part))),
-                self._tensor(batch.action[part]),
-                self._tensor(batch.log_prob[part]),
-                self._tensor(proximal[part]),
-                self._tensor(advantage[part]),
-                ppo.clip,
-                ppo.dual_clip,
-                ppo.entropy,
-                ppo.max_importance,
-            )
-            (loss.total * share).backward()
-            total += float(loss.total.detach()) * share
-            numbers = {
-                "policy_loss": float(loss.policy),
-                "entropy": float(loss.entropy),
-                "kl": float(loss.kl),
-                "clip_fraction": float(loss.clip_fraction),
-                "importance_max": float(loss.importance_max),
-            }
-            figures.add(numbers, share)
-        return total, figures.mean()
+        going = list(trainees)
+        for epoch, order in enumerate(orders):
+            parts = list(minibatches(order, ppo.minibatch_size))
+            for number, rows in enumerate(parts):
+                self._step(going, (epoch, number), rows)
+            means = {trainee: trainee.end_epoch(len(parts)) for trainee in going}
+            if self._actor in means and means[self._actor]["kl"] > (ppo.target_kl or np.inf):
+                going = [] if ppo.joint_gradient_norm else [t for t in going if t != self._actor]
+            if not going:
+                break
 
-    def _value_backward(
-        self, batch: Batch, target: NDArray[np.float32], rows: NDArray[np.int64]
-    ) -> float:
-        total = 0.0
-        for part in _parts(rows):
-            value = self.value(self._inputs(batch.observation.take(part))).squeeze(1)
-            loss = value_loss(value, self._tensor(target[part]), self.config.ppo.value_loss)
-            share = len(part) / len(rows)
-            (loss * share).backward()
-            total += float(loss.detach()) * share
-        return total
+    def _alone(self, trainee: Trainee, orders: list[Tensor], inputs: SharedInputs) -> None:
+        try:
+            self._epochs([trainee], orders)
+        finally:
+            inputs.leave()
 
-    def _proximal_log_prob(self, batch: Batch) -> NDArray[np.float32]:
-        logits = self._forward(self.policy, batch.observation)
-        log_probabilities = torch.log_softmax(logits, dim=1)
-        action = torch.from_numpy(batch.action).unsqueeze(1)
-        return log_probabilities.gather(1, action).squeeze(1).numpy()
+    def _step(self, going: list[Trainee], key: tuple[int, int], rows: Tensor) -> None:
+        if not self.config.ppo.joint_gradient_norm:
+            for trainee in going:
+                with trainee.on_stream():
+                    trainee.step(key, rows)
+            return
+        # As published by the group: one gradient norm over both networks.
+        self._each(*((t, partial(t.gradient, key, rows)) for t in going))
+        norm = torch.linalg.vector_norm(torch.stack([t.norm() for t in going]))
+        self._each(*((t, partial(t.apply, norm)) for t in going))
 
-    def _values(self, batch: Batch) -> NDArray[np.float32]:
-        observation = Observation.concatenate([batch.observation, batch.final_observation])
-        return self._forward(self.value, observation).squeeze(1).numpy()
+    # -- losses ------------------------------------------------------------------------------
+
+    def _policy_loss(self, logits: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        ppo, samples = self.config.ppo, self.samples
+        loss = policy_loss(
+            logits,
+            samples.action.index_select(0, rows),
+            samples.log_prob.index_select(0, rows),
+            samples.proximal.index_select(0, rows),
+            samples.advantage.index_select(0, rows),
+            ppo.clip,
+            ppo.dual_clip,
+            ppo.entropy,
+            ppo.max_importance,
+        )
+        figures = (loss.policy, loss.entropy, loss.kl, loss.clip_fraction, loss.importance_max)
+        return loss.total, figures
+
+    def _value_loss(self, value: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        target = self.samples.target.index_select(0, rows)
+        return value_loss(value.squeeze(1), target, self.config.ppo.value_loss), ()
 
     # -- small steps -------------------------------------------------------------------------
 
-    def _forward(self, network: NavigationNetwork, observation: Observation) -> Tensor:
-        with torch.no_grad():
-            parts = [
-                network(self._inputs(observation.take(slice(i, i + _FORWARD_ROWS)))).float().cpu()
-                for i in range(0, len(observation), _FORWARD_ROWS)
-            ]
-        return torch.cat(parts)
+    def _placed(self, network: NavigationNetwork) -> NavigationNetwork:
+        network = network.to(self.device)
+        if self._on_device or not supports_sparse(self.config):
+            # Where dense convolutions run, this layout is the faster one.
+            network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        return network
 
-    def _inputs(self, observation: Observation) -> Inputs:
-        return prepare(observation, self.config, self.device)
-
-    def _tensor(self, array: NDArray[np.generic]) -> Tensor:
-        return torch.from_numpy(array).to(self.device)
-
-    def _minibatches(self, order: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
-        """Equal shares of about ``minibatch_size`` rows; none is tiny."""
-        size = self.config.ppo.minibatch_size or len(order)
-        yield from np.array_split(order, max(1, round(len(order) / size)))
-
-    def _clip(self, networks: list[NavigationNetwork], loss: float) -> float:
-        parameters = [p for network in networks for p in network.parameters()]
-        norm = float(torch.nn.utils.clip_grad_norm_(parameters, self.config.ppo.gradient_norm))
-        if not (np.isfinite(norm) and np.isfinite(loss)):
-            raise DivergedError(f"loss {loss:g} with gradient norm {norm:g}")
-        return norm
-
-    def _set_learning_rates(self, scale: float) -> None:
-        ppo = self.config.ppo
-        for optimizer, rate in (
-            (self.policy_optimizer, ppo.actor_learning_rate),
-            (self.value_optimizer, ppo.critic_learning_rate),
-        ):
-            for group in optimizer.param_groups:
-                group["lr"] = rate * scale
-
-    def _adam(self, network: NavigationNetwork, rate: float) -> torch.optim.Adam:
-        return torch.optim.Adam(
-            network.parameters(), lr=rate, eps=self.config.ppo.adam_eps, fused=True
-        )
+    def _trainee(
+        self, network: NavigationNetwork, rate: float, loss: Loss, names: tuple[str, ...]
+    ) -> Trainee:
+        # One gradient norm over both networks makes each wait for the other anyway.
+        alone = self.device.type == "cuda" and not self.config.ppo.joint_gradient_norm
+        stream = torch.cuda.Stream(self.device) if alone else None
+        graphs = self.config.learner.cuda_graphs
+        return Trainee(network, rate, loss, names, self.config.ppo, self.precision, stream, graphs)
 
     def _limit_threads(self) -> None:
         # torch's thread count belongs to the calling thread.
         torch.set_num_threads(self.threads)
 
-    def _together(self, first: Callable[[], R], second: Callable[[], S]) -> tuple[R, S]:
-        one, other = self._pool.submit(first), self._pool.submit(second)
-        return one.result(), other.result()
+    def _load(self, batch: Batch) -> None:
+        if self.samples.load(batch):
+            for trainee in (self._actor, self._critic):
+                trainee.memory_moved()
+
+    def _shared(self) -> SharedInputs:
+        # Streams share nothing: to wait for one another would cost more than drawing twice.
+        return SharedInputs(self.samples.inputs, readers=1 if self._on_device else 2)
+
+    def _each(self, *work: tuple[Trainee, Callable[[], R]]) -> list[R]:
+        """Do each network's work, at the same time; all of it has ended or is in order."""
+        if not self._on_device:
+            futures = [self._pool.submit(call) for _, call in work]
+            wait(futures)
+            return [future.result() for future in futures]
+        for trainee, _ in work:
+            trainee.wait()
+        results = []
+        for trainee, call in work:
+            with trainee.on_stream():
+                results.append(call())
+        for trainee, _ in work:
+            trainee.join()
+        return results
 
 
-class _Means:
-    """Weighted running means by name."""
-
-    def __init__(self) -> None:
-        self._sums: dict[str, float] = {}
-        self._weight = 0.0
-
-    def add(self, numbers: dict[str, float], weight: float = 1.0) -> None:
-        for name, number in numbers.items():
-            self._sums[name] = self._sums.get(name, 0.0) + weight * number
-        self._weight += weight
-
-    def mean(self) -> dict[str, float]:
-        return {name: total / self._weight for name, total in self._sums.items()}
-
-
-def _parts(rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Pieces of at most 512 rows, so that a full-batch step needs no more memory than that."""
-    return np.array_split(rows, -(-len(rows) // 512))
+def _precision(name: str, device: torch.device) -> torch.dtype:
+    if name == "auto":
+        gpu = device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False)
+        name = "bfloat16" if gpu else "float32"
+    return torch.bfloat16 if name == "bfloat16" else torch.float32

@@ -9,23 +9,23 @@ import numpy as np
 from learner.batch import Batch
 from learner.memory import keep_freed_memory
 from learner.update import PPO
-from lndrl.bench.report import median_seconds
+from lndrl.bench.report import device_name, median_seconds
 from lndrl.bench.scene import hybrid_config, observations
 from lndrl.navigation import Observation
 
 _SAMPLES = 1024
 
 
-def measure(seconds: float) -> dict[str, Any]:
+def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     """``samples_per_second``: one sample is one forward and backward pass of both nets.
 
     The gradient steps (clipping, Adam) are included, as in training, with the minibatches of
-    ``configs/lndrl.yaml`` and all cores. ``people_in_view`` is the mean that the figure
-    depends on.
+    ``configs/lndrl.yaml`` and all cores; on a GPU the upload of the batch, too.
+    ``people_in_view`` is the mean that the figure of a CPU depends on. Raises UserError when
+    ``device`` is not there.
     """
     keep_freed_memory()
-    config = hybrid_config()
-    config = config.model_copy(update={"ppo": config.ppo.model_copy(update={"epochs": 1})})
+    config = hybrid_config([f"learner.device={device}", "ppo.epochs=1"])
     ppo = PPO(config)
     batch = _batch(observations(config, _SAMPLES, 1)[0])
     generator = np.random.default_rng(0)
@@ -36,8 +36,10 @@ def measure(seconds: float) -> dict[str, Any]:
         ppo.close()
     return {
         "samples_per_second": _SAMPLES / once,
+        "device": device_name(ppo.device),
         "people_in_view": float(batch.observation.pedestrian_count.mean()),
         "minibatch_size": config.ppo.minibatch_size,
+        "precision": str(ppo.precision).removeprefix("torch."),
     }
 
 

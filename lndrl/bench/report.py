@@ -12,11 +12,14 @@ from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    import torch
 
 BENCHMARKS = {
     "laser": "ray casting and whole scans, one core",
@@ -32,6 +35,8 @@ BENCHMARKS = {
 COMPARED = ("laser", "crowd", "amcl", "world")
 """What other packages do too: ``lndrl.bench.peers.NAME`` has ``measure_peers(seconds)``, which
 returns ``{peer: {key: figure}}`` of the same work in the same run."""
+ON_DEVICES = ("learner",)
+"""These take a ``device``: ``measure(seconds, device)``."""
 
 REPETITIONS = 5
 _PACKAGES = {
@@ -51,14 +56,19 @@ _PACKAGES = {
 }
 
 
-def measure(name: str, seconds: float) -> dict[str, Any]:
+def measure(name: str, seconds: float, device: str | None = None) -> dict[str, Any]:
     """Run one benchmark for about ``seconds`` of timed work and return its figures.
 
-    Raises UserError for an unknown name.
+    ``device`` is cpu, cuda, cuda:N or auto; the CPU by default. Raises UserError for an unknown
+    name or a device that the benchmark does not know.
     """
     if name not in BENCHMARKS:
         raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all")
-    figures: dict[str, Any] = importlib.import_module(f"lndrl.bench.{name}").measure(seconds)
+    if device is not None and name not in ON_DEVICES:
+        raise UserError(f"--device: {name} runs on the CPU; those with: {', '.join(ON_DEVICES)}")
+    given = {} if device is None else {"device": device}
+    module = importlib.import_module(f"lndrl.bench.{name}")
+    figures: dict[str, Any] = module.measure(seconds, **given)
     return figures
 
 
@@ -113,6 +123,13 @@ def machine() -> dict[str, Any]:
         "load": round(os.getloadavg()[0], 2),
         "versions": versions,
     }
+
+
+def device_name(device: torch.device) -> str:
+    """Model of the CPU or GPU."""
+    import torch
+
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else _cpu_model()
 
 
 def machine_line(facts: Mapping[str, Any]) -> str:

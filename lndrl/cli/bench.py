@@ -24,6 +24,12 @@ def bench(
     seconds: Annotated[
         float, typer.Option(help="timed seconds per figure; more is steadier")
     ] = 5.0,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            "--device", metavar="DEVICE", help="learner: cpu, cuda, cuda:0 or auto; default cpu"
+        ),
+    ] = None,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
@@ -36,7 +42,8 @@ def bench(
     names = list(report.BENCHMARKS) if name == "all" else [name]
     figures = {}
     for each in names:
-        figures[each] = report.measure(each, seconds)
+        on_device = name != "all" or each in report.ON_DEVICES
+        figures[each] = report.measure(each, seconds, device if on_device else None)
         if peers and (name != "all" or each in report.COMPARED):
             figures[each]["peers"] = report.measure_peers(each, seconds)
         if not json_output:

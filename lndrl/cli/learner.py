@@ -7,12 +7,14 @@ import typer
 from lndrl.cli.options import (
     CheckpointName,
     ConfigFile,
+    LearnerDevice,
     Listen,
     Resume,
     RunName,
     Settings,
     Steps,
     check_endpoint,
+    learner_device,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.signals import stop_on_signals
@@ -27,6 +29,7 @@ def learner(
     checkpoint: CheckpointName = None,
     settings: Settings = None,
     steps: Steps = None,
+    device: LearnerDevice = None,
 ) -> None:
     """Run only the learner; actors connect to it from anywhere."""
     if checkpoint is not None and not resume:
@@ -34,6 +37,8 @@ def learner(
     overrides = list(settings or [])
     if steps is not None:
         overrides.append(f"learner.total_steps={steps}")
+    if device is not None:
+        overrides.append(learner_device(device))
     if listen is not None:
         overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
     chosen, folder = choose_run(config, run, resume, overrides)

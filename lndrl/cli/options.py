@@ -39,6 +39,15 @@ CheckpointName = Annotated[
         "--checkpoint", metavar="STEP", help="With --resume: the checkpoint, e.g. step-000040960."
     ),
 ]
+LearnerDevice = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="DEVICE",
+        help="Where the networks learn: cpu, cuda, cuda:0, or auto; cpu unless configured.",
+        show_default=False,
+    ),
+]
 Listen = Annotated[
     str | None,
     typer.Option(
@@ -63,6 +72,14 @@ def check_endpoint(endpoint: str, option: str) -> str:
         if not colon or not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
             raise UserError(f"{option} {endpoint}: needs a host and a port 1 to 65535; {example}")
     return endpoint
+
+
+def learner_device(device: str) -> str:
+    """The override that puts the learner on ``device``; raises UserError where there is none."""
+    from lndrl.policy import resolve_device
+
+    resolve_device(device)
+    return f"learner.device={device}"
 
 
 def check_device(device: str) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from lndrl.models import Count, Model, NonNegative, Positive, Probability
 
@@ -59,10 +60,23 @@ class LearnerConfig(Model):
     max_lag: Annotated[int, Field(ge=0)] = Field(8, description="older samples are dropped")
     total_steps: Count = Field(1_200_000, description="environment steps (PAPER)")
     threads: Annotated[int, Field(ge=0)] = Field(0, description="torch threads, 0: all cores")
+    device: str = Field("cpu", description="cpu, cuda, cuda:N, or auto: a GPU where there is one")
+    precision: Literal["auto", "float32", "bfloat16"] = Field(
+        "auto",
+        description="of the products in the networks; weights stay float32. auto: bfloat16 on GPUs",
+    )
+    cuda_graphs: bool = Field(True, description="replay gradient steps on GPUs as CUDA graphs")
     checkpoint_interval: Count = Field(20, description="updates between checkpoints")
     keep_checkpoints: Count = 3
     queue_chunks: Count = Field(64, description="uploads waiting at most")
     queue_megabytes: Count = Field(512, description="bytes waiting at most")
+
+    @field_validator("device")
+    @classmethod
+    def _known_device(cls, device: str) -> str:
+        if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", device):
+            raise ValueError(f"{device} is not a device; write cpu, cuda, cuda:0 or auto")
+        return device
 
 
 class ActorConfig(Model):

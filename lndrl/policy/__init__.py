@@ -1,5 +1,7 @@
 """The paper's networks, their sparse evaluation, weights in and out, and acting."""
 
+from lndrl.policy.compact import CompactObservation
+from lndrl.policy.device import resolve_device
 from lndrl.policy.inference import PolicyRunner
 from lndrl.policy.inputs import Inputs, prepare, supports_sparse
 from lndrl.policy.networks import NavigationNetwork, build_policy, build_value
@@ -14,6 +16,7 @@ from lndrl.policy.weights import (
 
 __all__ = [
     "POLICY_FILE",
+    "CompactObservation",
     "Inputs",
     "NavigationNetwork",
     "PolicyRunner",
@@ -24,6 +27,7 @@ __all__ = [
     "load_policy",
     "policy_metadata",
     "prepare",
+    "resolve_device",
     "supports_sparse",
     "to_bytes",
 ]

@@ -61,5 +61,6 @@ class PolicyRunner:
         self._acting = self.network
         if self.bfloat16:
             self._acting = copy.deepcopy(self.network).bfloat16()
+            self._acting.head.float()  # eight bits would be too coarse for log-probabilities
         if self.device == "cpu" and supports_sparse(self.config):
             self._acting.map_encoder.freeze()

@@ -9,8 +9,10 @@ import torch
 from torch import Tensor
 
 from lndrl.config import RunConfig
-from lndrl.navigation import Observation, dequantise
+from lndrl.navigation import Observation
+from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
+from lndrl.policy.compact import CompactObservation
 from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, map_structure
 
 
@@ -27,22 +29,25 @@ class Inputs:
     people: Tensor | MapStructure
 
 
-def prepare(observation: Observation, config: RunConfig, device: str = "cpu") -> Inputs:
+def prepare(
+    observation: Observation, config: RunConfig, device: torch.device | str = "cpu"
+) -> Inputs:
     """Network inputs of observations with leading shape (N,); sparse where that is possible.
 
-    Both networks can share the result, which holds no weights.
+    Both networks can share the result, which holds no weights. Other devices than the CPU get
+    the compact observation and make the inputs themselves.
     """
-    task = config.task
-    range_max = config.world.laser.range_max
-    scan = torch.from_numpy(dequantise(observation.scan, range_max))
-    scan = scan.to(device).mul_(1.0 / range_max)
-    goal = torch.from_numpy(np.array(observation.goal)).to(device)  # may be a read-only message
+    if torch.device(device).type != "cpu":
+        return Inputs(*CompactObservation.view(observation).to(device).expand(config.task))
+    scan = torch.from_numpy(observation.scan * np.float32(1.0 / SCAN_COUNTS))
+    goal = torch.from_numpy(np.array(observation.goal))  # may be a read-only message
     people: Tensor | MapStructure
-    if device == "cpu" and supports_sparse(config):
-        people = map_structure(observation, task, pooling_factor(config))
+    if supports_sparse(config):
+        people = map_structure(observation, config.task, pooling_factor(config))
     else:
-        drawn = draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, task)
-        people = torch.from_numpy(drawn).to(device, memory_format=torch.channels_last)
+        people = torch.from_numpy(
+            draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, config.task)
+        ).contiguous(memory_format=torch.channels_last)
     return Inputs(scan, goal, people)
 
 

@@ -173,16 +173,19 @@ class NavigationNetwork(nn.Module):
         self.head = nn.Linear(network.features, outputs)
 
     def forward(self, inputs: Inputs) -> Tensor:
-        """Head outputs (N, outputs) before any softmax."""
+        """Head outputs float32 (N, outputs) before any softmax; autocast may surround it."""
+        device = inputs.scan.device.type
+        # The sparse kernels know float32 only.
+        dense = torch.is_autocast_enabled(device) and isinstance(inputs.people, Tensor)
+        with torch.autocast(device, enabled=dense, cache_enabled=False):
+            people = self.map_encoder(inputs.people)
         joined = torch.cat(
-            (
-                self.map_encoder(inputs.people),
-                self.scan_encoder(inputs.scan),
-                F.relu(self.goal_encoder(inputs.goal)),
-            ),
-            dim=1,
+            (people, self.scan_encoder(inputs.scan), F.relu(self.goal_encoder(inputs.goal))), dim=1
         )
-        return self.head(F.relu(self.trunk(joined)))
+        trunk = F.relu(self.trunk(joined))
+        # Values and log-probabilities with the eight bits of bfloat16 would be too coarse.
+        with torch.autocast(device, enabled=False):
+            return self.head(trunk.float())
 
 
 def build_policy(config: RunConfig) -> NavigationNetwork:

@@ -141,6 +141,12 @@ def test_an_existing_folder_is_refused_and_left_alone(start) -> None:
     assert (run.learner.folder.path / "metrics.jsonl").read_text() == before
 
 
+def test_a_device_that_is_not_there_leaves_no_folder(start, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="device cuda:63: "):
+        start(learner={"device": "cuda:63"})
+    assert not (tmp_path / "run").exists()
+
+
 def test_run_stops_when_asked(tmp_path: Path) -> None:
     learner = Learner(small_config(), tmp_path / "run", MemoryNetwork().learner(), quiet=True)
     stop = threading.Event()

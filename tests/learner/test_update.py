@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from helpers_learner import random_trajectory, small_config
 
 from learner.batch import assemble, batch_advantages, learning_reward
+from learner.losses import policy_loss
 from learner.update import PPO, DivergedError
 from lndrl.policy import prepare
 
@@ -90,16 +92,70 @@ def test_linear_schedule_ends_at_zero_and_target_kl_stops(ppo) -> None:
 
 def test_full_batch_step_equals_its_parts(ppo) -> None:
     """A full-batch step in pieces of 512 rows has the gradient of the whole."""
-    trainer = ppo(minibatch_size=None, epochs=1)
+    trainer = ppo(minibatch_size=None, epochs=1, gradient_norm=1e9)
     batch = assemble([random_trajectory(trainer.config, s, steps=40, worlds=16) for s in (1, 2)])
+    assert len(batch) > 1024
     target = np.random.default_rng(0).normal(size=len(batch)).astype(np.float32)
-    trainer._value_backward(batch, target, np.arange(len(batch)))
-    pieces = [p.grad.clone() for p in trainer.value.parameters() if p.grad is not None]
-    trainer.value_optimizer.zero_grad()
-    value = trainer.value(prepare(batch.observation, trainer.config)).squeeze(1)
+    whole = deepcopy(trainer.value)
+    trainer.train(batch, batch.log_prob, target, target)
+    value = whole(prepare(batch.observation, trainer.config)).squeeze(1)
     (0.5 * (value - torch.from_numpy(target)).square().mean()).backward()
-    for piece, parameter in zip(pieces, trainer.value.parameters(), strict=True):
-        torch.testing.assert_close(piece, parameter.grad, rtol=1e-3, atol=1e-5)
+    for piece, parameter in zip(trainer.value.parameters(), whole.parameters(), strict=True):
+        torch.testing.assert_close(piece.grad, parameter.grad, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("joint", [False, True])
+def test_gradients_are_clipped_as_torch_clips_them(ppo, joint: bool) -> None:
+    """Adam's first step by hand: the moments of a clipped gradient."""
+    trainer = ppo(
+        minibatch_size=None, epochs=1, gradient_norm=1e-3, joint_gradient_norm=joint, value_loss=7.0
+    )
+    batch = assemble([random_trajectory(trainer.config, 4)])
+    target = np.random.default_rng(0).normal(size=len(batch)).astype(np.float32)
+    networks = [deepcopy(trainer.policy), deepcopy(trainer.value)]
+    figures = trainer.train(batch, batch.log_prob, target, target)
+    inputs = prepare(batch.observation, trainer.config)
+    loss = policy_loss(
+        networks[0](inputs),
+        torch.from_numpy(batch.action),
+        torch.from_numpy(batch.log_prob),
+        torch.from_numpy(batch.log_prob),
+        torch.from_numpy(target),
+        *(0.2, None, 0.01, 10.0),
+    )
+    loss.total.backward()
+    (7.0 * (networks[1](inputs).squeeze(1) - torch.from_numpy(target)).square().mean()).backward()
+    groups = [networks] if joint else [[network] for network in networks]
+    norms = [
+        float(
+            torch.nn.utils.clip_grad_norm_([p for n in group for p in n.parameters()], 1e-3),
+        )
+        for group in groups
+    ]
+    assert figures["gradient_norm_policy"] == pytest.approx(norms[0], rel=1e-4)
+    assert figures["gradient_norm_value"] == pytest.approx(norms[-1], rel=1e-4)
+    optimizers = (trainer.policy_optimizer, trainer.value_optimizer)
+    for network, trained, optimizer in zip(
+        networks, (trainer.policy, trainer.value), optimizers, strict=True
+    ):
+        for expected, parameter in zip(network.parameters(), trained.parameters(), strict=True):
+            moment = optimizer.state[parameter]["exp_avg"]
+            torch.testing.assert_close(moment, 0.1 * expected.grad, rtol=1e-3, atol=1e-9)
+
+
+def test_bfloat16_keeps_float32_weights_and_learns_about_the_same() -> None:
+    figures = {}
+    for precision in ("float32", "bfloat16"):
+        config = small_config(learner={"precision": precision})
+        trainer = PPO(config)
+        batch = assemble([random_trajectory(config, seed) for seed in (3, 4)])
+        figures[precision] = trainer.update(batch, 0.0)
+        assert all(p.dtype == torch.float32 for p in trainer.policy.parameters())
+        assert all(p.grad.dtype == torch.float32 for p in trainer.policy.parameters())
+        trainer.close()
+    for name in ("policy_loss", "value_loss", "entropy", "gradient_norm_value"):
+        assert figures["bfloat16"][name] == pytest.approx(figures["float32"][name], rel=0.05)
+    assert figures["bfloat16"]["value_loss"] != figures["float32"]["value_loss"]
 
 
 def test_non_finite_input_is_said(ppo) -> None:
@@ -130,6 +186,27 @@ def test_batch_advantages_go_chunk_by_chunk() -> None:
     alone, _ = batch_advantages(assemble(chunks[1:]), value[half:], final[cut:], config.ppo)
     np.testing.assert_array_equal(advantage[half:], alone)
     np.testing.assert_allclose(target, advantage + value, rtol=1e-5)
+
+
+def test_chunks_of_different_lengths_may_be_mixed() -> None:
+    config = small_config()
+    sizes = [(8, 2), (5, 3), (8, 4), (5, 1)]
+    chunks = [
+        random_trajectory(config, seed, steps=t, worlds=b) for seed, (t, b) in enumerate(sizes)
+    ]
+    batch = assemble(chunks)
+    rng = np.random.default_rng(0)
+    value = rng.normal(size=len(batch)).astype(np.float32)
+    final = rng.normal(size=len(batch.final_observation)).astype(np.float32)
+    together = batch_advantages(batch, value, final, config.ppo)
+    sample = cut = 0
+    for chunk in chunks:
+        rows = slice(sample, sample + chunk.action.size)
+        cuts = slice(cut, cut + len(chunk.final_index))
+        alone = batch_advantages(assemble([chunk]), value[rows], final[cuts], config.ppo)
+        for whole, part in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(whole[rows], part)
+        sample, cut = rows.stop, cuts.stop
 
 
 def test_group_setting_treats_a_timeout_as_an_end() -> None:

@@ -23,6 +23,13 @@ def test_unknown_benchmark_names_the_known_ones() -> None:
         report.measure("wrld", 1.0)
 
 
+def test_a_device_is_for_those_that_know_devices() -> None:
+    with pytest.raises(UserError, match=r"--device: world runs on the CPU; .*learner"):
+        report.measure("world", 1.0, "cuda")
+    with pytest.raises(UserError, match="device cuda:63: "):
+        report.measure("learner", 1.0, "cuda:63")
+
+
 def test_median_is_of_one_call() -> None:
     calls = []
 

@@ -124,6 +124,12 @@ def test_learner_listens_on_loopback_unless_asked(services: Services) -> None:
     assert services.calls[0][1][0].transport.endpoint == "tcp/127.0.0.1:7447"
 
 
+def test_learner_device(services: Services) -> None:
+    assert run("learner run.yaml --run a --device auto".split()) == 0
+    assert run("learner run.yaml --run b".split()) == 0
+    assert [call[1][0].learner.device for call in services.calls] == ["auto", "cpu"]
+
+
 def test_actor(services: Services) -> None:
     services.exit_code = 1
     line = "actor --connect tcp/learner.example:7447 --count 2 --worlds 4 --device cuda:0"
@@ -182,6 +188,9 @@ def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsy
         ("train run.yaml --listen 7447", "--listen 7447: not an endpoint; write it like tcp/"),
         ("learner run.yaml --listen tcp/0.0.0.0", "needs a host and a port 1 to 65535"),
         ("learner run.yaml --listen tcp/h:99999", "needs a host and a port 1 to 65535"),
+        ("learner run.yaml --device gpu", "device gpu: not a device; write cpu, cuda"),
+        ("learner run.yaml --device cuda:63", "device cuda:63: "),
+        ("train run.yaml --set learner.device=gpu", "learner.device: gpu is not a device"),
         ("actor --connect http/h:80", "--connect http/h:80: not an endpoint"),
         ("actor --connect tcp/:80", "needs a host and a port"),
         ("actor --connect tcp/h:80 --device gpu", "--device gpu: not a device; write cpu"),
