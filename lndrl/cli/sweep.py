@@ -50,7 +50,8 @@ def sweep(
     place.check()
     code = 0 if table else _work(place, parallel)
     figures = sweep_figures(place)
-    _show(figures, json, markdown, plot)
+    if figures.runs or not code:
+        _show(figures, json, markdown, plot)
     raise typer.Exit(code)
 
 

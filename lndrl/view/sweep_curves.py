@@ -39,8 +39,8 @@ def save_sweep(figures: SweepFigures, path: Path | str, dpi: int = 110) -> None:
     groups: dict[str, list[str]] = {}
     for variant in others:
         groups.setdefault(variant.group, []).append(variant.name)
-    columns = min(_COLUMNS, len(groups))
-    rows = math.ceil(len(groups) / columns)
+    rows = math.ceil(len(groups) / _COLUMNS)
+    columns = math.ceil(len(groups) / rows)
     size = (max(3.3 * columns, 5.0), 2.5 * rows + 0.6)
     figure = Figure(figsize=size, facecolor=PAPER, layout="constrained")
     FigureCanvasAgg(figure)

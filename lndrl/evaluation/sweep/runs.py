@@ -158,7 +158,9 @@ class Work:
                 self.say(f"{name}: {word} at step {self._steps[name]:,}")
                 continue
             self._waiting.appendleft(job.run)
-            if not stop.is_set() and (code or following.kind == job.kind):
+            if stop.is_set():
+                self.say(f"{name}: stopped at step {self._steps[name]:,}")
+            elif code or following.kind == job.kind:
                 self._fail(job, code)
 
     def _fail(self, job: Job, code: int) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from helpers_sweep import sweep_file
 
+from lndrl.cli import sweep as command
 from lndrl.cli.main import run
 
 TINY = [
@@ -51,6 +52,17 @@ def test_a_tiny_sweep_runs_and_is_not_run_again(
     assert Path("s.png").stat().st_size > 1000
 
 
+@pytest.fixture
+def no_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail where a run would start."""
+
+    def work(*_: object) -> int:
+        raise AssertionError("runs would start")
+
+    monkeypatch.setattr(command, "_work", work)
+
+
+@pytest.mark.usefixtures("no_work")
 def test_the_table_alone_runs_nothing(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     file = sweep_file(tmp_path)
@@ -60,6 +72,7 @@ def test_the_table_alone_runs_nothing(tmp_path: Path, monkeypatch, capsys) -> No
     assert sorted(os.listdir()) == before
 
 
+@pytest.mark.usefixtures("no_work")
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
