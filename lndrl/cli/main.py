@@ -30,6 +30,7 @@ SUMMARIES = {
     "localization": "Measure the filter on recorded drives: errors, lost rate, recovery.",
     "play": "Draw an episode of a policy as a picture or an animation.",
     "scenarios": "List the places to train and test in, and draw them.",
+    "sweep": "Compare training settings over several seeds.",
     "curves": "Draw a run's learning curves and write them as a table.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",

@@ -127,7 +127,7 @@ def save_curves(rows: Sequence[Row], path: Path | str, title: str = "", dpi: int
     for i, (name, key, colour) in enumerate(small):
         axes = figure.add_subplot(grid[i, 1], sharex=large)
         _draw_series(axes, steps, column(rows, key), colour)
-        _dress(axes, name)
+        dress(axes, name)
         axes.yaxis.set_major_locator(MaxNLocator(4))
         if i < 2:
             axes.tick_params(labelbottom=False)
@@ -145,7 +145,7 @@ def _draw_outcomes(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) 
         last = _draw_series(axes, steps, rates, colour, width=2.2)
         if last is not None:
             ends.append((last, f"{OUTCOME_WORD[key]} {last:.0f} %", colour))
-    _dress(axes, "how episodes end")
+    dress(axes, "how episodes end")
     axes.set(ylim=(0, 100))
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0f} %"))
@@ -199,7 +199,8 @@ def spread(heights: Sequence[float], gap: float, low: float, high: float) -> lis
     return result
 
 
-def _dress(axes: Axes, name: str) -> None:
+def dress(axes: Axes, name: str) -> None:
+    """A panel as all curves have it: title on the left, quiet axes, steps with their unit."""
     axes.set_title(name, loc="left", size=10, color=INK, pad=5)
     axes.grid(axis="y", color=SLATE, alpha=0.22, linewidth=0.7)
     axes.set_axisbelow(True)

@@ -1,0 +1,33 @@
+"""Ablations of training settings: variants over seeds, run by ``lndrl train``, and figures."""
+
+from lndrl.evaluation.sweep.figures import (
+    Estimate,
+    RunFigures,
+    SweepFigures,
+    VariantFigures,
+    sweep_figures,
+)
+from lndrl.evaluation.sweep.folder import SweepFolder
+from lndrl.evaluation.sweep.processes import Launcher
+from lndrl.evaluation.sweep.runs import Job, Process, Progress, Work, next_job
+from lndrl.evaluation.sweep.spec import PlannedRun, Sweep, SweepSpec, Variant, load_sweep
+
+__all__ = [
+    "Estimate",
+    "Job",
+    "Launcher",
+    "PlannedRun",
+    "Process",
+    "Progress",
+    "RunFigures",
+    "Sweep",
+    "SweepFigures",
+    "SweepFolder",
+    "SweepSpec",
+    "Variant",
+    "VariantFigures",
+    "Work",
+    "load_sweep",
+    "next_job",
+    "sweep_figures",
+]

@@ -1,0 +1,140 @@
+"""A sweep's folder: what its runs left there, and so how far they are.
+
+configs/RUN.yaml   what the run was started with, complete
+runs/RUN/          the run folder that lndrl train makes; evaluation.json beside its records
+logs/RUN.log       what its processes said
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+from lndrl.config import load_config
+from lndrl.errors import UserError
+from lndrl.evaluation.result import EvaluationResult, load_result
+from lndrl.evaluation.sweep.spec import PlannedRun, Sweep
+from lndrl.view.metrics import read_metrics
+
+State = Literal["missing", "begun", "diverged", "finished"]
+
+_DIVERGED = re.compile(r"^\S+ \S+ diverged ", re.MULTILINE)
+
+
+class SweepFolder:
+    """The folder ``path`` of ``sweep``; nothing is made before ``prepare``."""
+
+    def __init__(self, path: Path, sweep: Sweep) -> None:
+        self.path = path.resolve()
+        self.sweep = sweep
+
+    def run_path(self, run: PlannedRun) -> Path:
+        """The run's folder."""
+        return self.path / "runs" / run.name
+
+    def config_path(self, run: PlannedRun) -> Path:
+        """What the run is started with."""
+        return self.path / "configs" / f"{run.name}.yaml"
+
+    def log_path(self, run: PlannedRun) -> Path:
+        """What the run's processes say."""
+        return self.path / "logs" / f"{run.name}.log"
+
+    def evaluation_path(self, run: PlannedRun) -> Path:
+        """The JSON of the final policy's evaluation."""
+        return self.run_path(run) / "evaluation.json"
+
+    def state(self, run: PlannedRun) -> State:
+        """How far the run is; without a checkpoint there is nothing to go on from."""
+        folder = self.run_path(run)
+        if _finished(folder / "summary.json"):
+            return "finished"
+        if not any((folder / "checkpoints").glob("step-*")):
+            return "missing"
+        try:
+            events = (folder / "events.log").read_text()
+        except (OSError, UnicodeDecodeError):
+            events = ""
+        return "diverged" if _DIVERGED.search(events) else "begun"
+
+    def rows(self, run: PlannedRun) -> list[dict[str, Any]]:
+        """The run's metrics, none before its first update."""
+        path = self.run_path(run) / "metrics.jsonl"
+        # A learner makes the file before it has a row.
+        return read_metrics(path) if path.exists() and path.stat().st_size else []
+
+    def steps(self, run: PlannedRun) -> int:
+        """Environment steps that the run has learned from."""
+        try:
+            rows = self.rows(run)
+        except UserError:  # its first line is being written
+            return 0
+        return int(rows[-1]["steps"]) if rows else 0
+
+    def evaluation(self, run: PlannedRun) -> EvaluationResult | None:
+        """The evaluation that the sweep asks for; None where it was not made, or otherwise."""
+        spec = self.sweep.spec
+        path = self.evaluation_path(run)
+        if not spec.episodes or not path.exists():
+            return None
+        result = load_result(path)
+        wanted = (spec.episodes, "greedy" if spec.greedy else "sampled")
+        return result if (len(result.records), result.actions) == wanted else None
+
+    def check(self) -> None:
+        """Raise UserError for a run that was started with another configuration."""
+        for run in self.sweep.runs():
+            if self.state(run) == "missing":
+                continue
+            kept = self.config_path(run)
+            if not kept.exists() or load_config(kept) != run.config:
+                raise UserError(
+                    f"{self.run_path(run)} was not trained with what {self.sweep.file} says of "
+                    f"{run.variant.name} now; delete it or choose another --folder"
+                )
+
+    def prepare(self, run: PlannedRun) -> Path:
+        """Clear what cannot be resumed and write the run's configuration; returns its path."""
+        shutil.rmtree(self.run_path(run), ignore_errors=True)
+        path = self.config_path(run)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(run.config.to_yaml())
+        except OSError as error:
+            raise UserError(f"{path}: cannot be written ({error.strerror})") from None
+        return path
+
+    @contextmanager
+    def locked(self) -> Iterator[int]:
+        """Hold the folder against other sweeps; yields the lock's descriptor.
+
+        A process that inherits the descriptor holds the lock as well, so that a run which has
+        survived its sweep is not started a second time. Raises UserError where it is held.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            file = (self.path / "lock").open("w")
+        except OSError as error:
+            raise UserError(f"{self.path}: cannot be written ({error.strerror})") from None
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise UserError(
+                    f"{self.path}: a sweep, or a run of one, is still at work there; wait for it "
+                    "or choose another --folder"
+                ) from None
+            yield file.fileno()
+
+
+def _finished(summary: Path) -> bool:
+    try:
+        return json.loads(summary.read_text()).get("finished") is True
+    except (OSError, ValueError, AttributeError):
+        return False

@@ -1,0 +1,278 @@
+"""A sweep as text: how far it is, what it found as tables, and those in a Markdown document."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from rich import box
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from lndrl.errors import UserError
+from lndrl.view.text import MISSING, duration, number, printable
+
+if TYPE_CHECKING:
+    from lndrl.evaluation.sweep import Estimate, Progress, SweepFigures, VariantFigures
+
+LINE_EVERY = 300.0
+"""s between lines where there is no terminal; a sweep takes hours."""
+
+MARK = " *"
+"""Ends a difference whose 95 % interval leaves 0 out."""
+
+END = "<!-- end -->"
+
+Row = tuple[str, ...]
+
+
+# -- while it works -----------------------------------------------------------------------------
+
+
+def status_line(progress: Progress, steps: int) -> str:
+    """How a sweep of runs of ``steps`` steps stands, on one line."""
+    parts = [f"{progress.done} of {progress.runs} runs done"]
+    for job, done in progress.active:
+        what = "evaluation" if job.kind == "evaluate" else f"{done:,} of {steps:,} steps"
+        parts.append(f"{job.run.name}: {what}")
+    parts.append(f"{number(progress.rate)} steps/s")
+    parts.append(f"{duration(progress.seconds_left)} left")
+    return ", ".join(parts)
+
+
+class SweepDisplay:
+    """One line that changes, on a terminal; else a line every five minutes. Writes to stderr."""
+
+    def __init__(self, steps: int, stream: TextIO | None = None) -> None:
+        self._steps = steps
+        self._console = Console(file=stream or sys.stderr, highlight=False)
+        drawn = self._console.is_terminal and not self._console.is_dumb_terminal
+        self._live = Live(console=self._console, transient=True) if drawn else None
+        self._last = time.monotonic()
+
+    def __enter__(self) -> SweepDisplay:
+        if self._live:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live:
+            self._live.stop()
+
+    def say(self, words: str) -> None:
+        """A line that stays."""
+        stamped = f"{time.strftime('%H:%M:%S')} {printable(words)}"
+        self._console.print(Text(stamped), soft_wrap=True)
+
+    def show(self, progress: Progress) -> None:
+        """The line that changes."""
+        line = status_line(progress, self._steps)
+        if self._live:
+            self._live.update(Text(line, no_wrap=True, overflow="ellipsis"))
+        elif time.monotonic() - self._last >= LINE_EVERY:
+            self._last = time.monotonic()
+            self.say(line)
+
+
+# -- tables -------------------------------------------------------------------------------------
+
+
+def outcome_rows(figures: SweepFigures) -> tuple[Row, list[Row]]:
+    """Head and rows: how episodes end, with the differences to the base."""
+    tested = figures.sweep.spec.episodes > 0
+    head = ["variant", "seeds", "arrived (%)", "Δ", "area (%)", "Δ", "collided (%)", "lost (%)"]
+    head += ["tested: arrived (%)", "Δ"] if tested else []
+    rows = []
+    for variant in figures.variants:
+        row = [
+            variant.name,
+            _seeds(variant, len(figures.sweep.spec.seeds)),
+            *_with_difference(variant, "arrived", _points),
+            *_with_difference(variant, "area", _points),
+            _spread(variant.estimates["collided"], _points),
+            _spread(variant.estimates["lost"], _points),
+        ]
+        row += _with_difference(variant, "test_arrived", _points) if tested else ()
+        rows.append(tuple(row))
+    return tuple(head), rows
+
+
+def learning_rows(figures: SweepFigures) -> tuple[Row, list[Row]]:
+    """Head and rows: how it learned, and what each variant changes."""
+    head = (
+        "variant", "return", "Δ", "KL", "entropy (nat)", "explained variance", "steps/s", "changes",
+    )  # fmt: skip
+    rows = [
+        (
+            variant.name,
+            *_with_difference(variant, "return", _number),
+            *(
+                _spread(variant.estimates[name], _number)
+                for name in ("kl", "entropy", "explained_variance", "steps_per_second")
+            ),
+            " ".join(variant.settings) or MISSING,
+        )
+        for variant in figures.variants
+    ]
+    return head, rows
+
+
+def legend(figures: SweepFigures) -> list[str]:
+    """Sentences that say what the tables show, and how much it is worth."""
+    spec = figures.sweep.spec
+    head, rows = outcome_rows(figures)
+    marked = (head.count("Δ") + 1) * (len(rows) - 1)
+    count = len(spec.seeds)
+    kind = "serial runs" if spec.serial else "runs"
+    tested = (
+        f" Tested: {spec.episodes} episodes of the final policy, "
+        f"{'greedy' if spec.greedy else 'sampled'} actions."
+        if spec.episodes
+        else ""
+    )
+    return [
+        f"Mean ± sample standard deviation over {count} {kind} of {spec.steps:,} steps (seeds "
+        f"{', '.join(map(str, spec.seeds))}). Area: mean of the arrival curve over all steps. "
+        f"All others but steps/s: over the last third of the steps.{tested}",
+        "Δ: difference to the base, paired by seed: mean ± standard error [95 % t interval], "
+        f"{MARK.strip()} where the interval leaves 0 out; of the {marked} differences about "
+        f"{0.05 * marked:.1f} would be marked by chance alone."
+        + (f" {count} seeds are weak evidence." if count < 10 else ""),
+    ]
+
+
+def sweep_tables(figures: SweepFigures) -> list[Table]:
+    """What a terminal shows."""
+    tables = []
+    for title, (head, rows) in (
+        (f"sweep {figures.sweep.name}: how episodes end", outcome_rows(figures)),
+        ("how it learned", learning_rows(figures)),
+    ):
+        table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+        for i, name in enumerate(head):
+            table.add_column(Text(name), justify="left" if i == 0 or name == "changes" else "right")
+        for row in rows:
+            table.add_row(*(Text(cell, "bold" if cell.endswith(MARK) else "") for cell in row))
+        tables.append(table)
+    return tables
+
+
+def sweep_markdown(figures: SweepFigures) -> str:
+    """Tables, legend and what each variant is for, as Markdown."""
+    parts = [_markdown(*outcome_rows(figures)), _markdown(*learning_rows(figures))]
+    parts += [line.replace("*", "\\*") for line in legend(figures)]
+    common = " ".join(f"`{setting}`" for setting in figures.sweep.spec.set)
+    if common:
+        parts.append(f"All runs: {common}.")
+    parts.append(
+        "\n".join(f"- **{each.name}**: {each.why}" for each in figures.variants if each.settings)
+    )
+    return "\n\n".join(parts)
+
+
+def write_between_marks(path: Path, name: str, text: str) -> None:
+    """Put ``text`` between the marks of sweep ``name`` in ``path``, which is made if need be.
+
+    Raises UserError as ``check_document`` does, and where ``path`` cannot be written.
+    """
+    before, after = check_document(path, name)
+    try:
+        path.write_text(f"{before}{_begin(name)}\n\n{text}\n\n{END}{after}", encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def check_document(path: Path, name: str) -> tuple[str, str]:
+    """What stands before and after the part of sweep ``name``: before the work, not after.
+
+    Raises UserError for a file without its marks, another ending, or a missing folder.
+    """
+    if path.suffix != ".md":
+        raise UserError(f"--markdown {path}: must end in .md")
+    if not path.parent.is_dir():
+        raise UserError(f"--markdown {path}: the folder {path.parent} does not exist")
+    if not path.exists():
+        return "", "\n"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read ({error})") from None
+    before, begin, rest = text.partition(_begin(name))
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise UserError(
+            f"{path}: has no place for the sweep; put the lines {_begin(name)} and {END} into it"
+        )
+    return before, after
+
+
+def _begin(name: str) -> str:
+    return f"<!-- sweep {name} -->"
+
+
+def _seeds(variant: VariantFigures, planned: int) -> str:
+    words = f"{len(variant.seeds)} of {planned}"
+    return f"{words}, {len(variant.diverged)} diverged" if variant.diverged else words
+
+
+def _with_difference(
+    variant: VariantFigures, name: str, say: Callable[[float], str]
+) -> tuple[str, str]:
+    difference = variant.differences.get(name)
+    return (
+        _spread(variant.estimates[name], say),
+        MISSING if difference is None else _difference(difference, say),
+    )
+
+
+def _spread(estimate: Estimate, say: Callable[[float], str]) -> str:
+    if estimate.mean is None:
+        return MISSING
+    if estimate.deviation is None:
+        return say(estimate.mean)
+    return f"{say(estimate.mean)} ± {say(estimate.deviation)}"
+
+
+def _difference(estimate: Estimate, say: Callable[[float], str]) -> str:
+    if estimate.mean is None:
+        return MISSING
+    interval = estimate.interval
+    if interval is None or estimate.deviation is None:
+        return f"{_signed(estimate.mean, say)} (one pair)"
+    error = estimate.deviation / estimate.count**0.5
+    low, high = (_signed(end, say) for end in interval)
+    mark = MARK if estimate.clear else ""
+    return f"{_signed(estimate.mean, say)} ± {say(error)} [{low}, {high}]{mark}"
+
+
+def _signed(value: float, say: Callable[[float], str]) -> str:
+    words = say(abs(value))
+    return f"−{words}" if value < 0 else f"+{words}"
+
+
+def _points(share: float) -> str:
+    return f"{100.0 * share:.1f}"
+
+
+def _number(value: float) -> str:
+    return _minus(number(value))
+
+
+def _minus(words: str) -> str:
+    """A proper minus before a number; exponents keep theirs."""
+    return f"−{words[1:]}" if words.startswith("-") else words
+
+
+def _markdown(head: Row, rows: Sequence[Row]) -> str:
+    lines = [_line(head), "|" + "---|" * len(head)]
+    lines += [_line(tuple(cell.replace("*", "\\*") for cell in row)) for row in rows]
+    return "\n".join(lines)
+
+
+def _line(cells: Row) -> str:
+    return "| " + " | ".join(cells) + " |"
