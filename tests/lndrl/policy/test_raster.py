@@ -19,7 +19,9 @@ TASKS = [
     TaskConfig(map_cells=31, map_extent=5.0, pedestrian_radius=0.55),
     TaskConfig(map_cells=8, map_extent=1.0, pedestrian_radius=0.9),  # a disc larger than the map
     TaskConfig(pedestrian_radius=0.01),  # mostly between the centres
+    TaskConfig(map_cells=8, map_extent=8.0, pedestrian_radius=1.0),  # centres exactly on the rim
 ]
+NAMES = ["paper", "odd", "large", "tiny", "exact"]
 DEVICES = ["cpu"] + ["cuda"] * torch.cuda.is_available()
 
 
@@ -33,7 +35,7 @@ def assert_drawn_alike(people: np.ndarray, count: np.ndarray, task: TaskConfig) 
         np.testing.assert_array_equal(maps.cpu().numpy(), expected)
 
 
-@pytest.mark.parametrize("task", TASKS, ids=["paper", "odd", "large", "tiny"])
+@pytest.mark.parametrize("task", TASKS, ids=NAMES)
 @given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([0.2, 0.5, 1.02, 1.4]))
 def test_random_people_in_and_out_of_the_map(task: TaskConfig, seed: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
@@ -42,7 +44,7 @@ def test_random_people_in_and_out_of_the_map(task: TaskConfig, seed: int, spread
     assert_drawn_alike(people, rng.integers(0, 25, 4).astype(np.uint8), task)
 
 
-@pytest.mark.parametrize("task", TASKS, ids=["paper", "odd", "large", "tiny"])
+@pytest.mark.parametrize("task", TASKS, ids=NAMES)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_people_on_borders_centres_and_rims(task: TaskConfig, seed: int) -> None:
     """Places where rounding decides: half cells, the map's border, a radius off a centre."""
