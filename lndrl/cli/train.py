@@ -16,6 +16,7 @@ from lndrl.cli.options import (
     Settings,
     Steps,
     check_endpoint,
+    count_or_auto,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.signals import stop_on_signals
@@ -25,8 +26,13 @@ from lndrl.errors import UserError
 def train(
     config: ConfigFile = None,
     actors: Annotated[
-        int | None,
-        typer.Option("--actors", min=1, metavar="N", help="Actors, each a process of its own."),
+        str | None,
+        typer.Option(
+            "--actors",
+            parser=count_or_auto,
+            metavar="N|auto",
+            help="Actors, each a process of its own; auto, unless configured: as keeps all busy.",
+        ),
     ] = None,
     steps: Steps = None,
     run: RunName = None,
