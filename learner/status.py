@@ -9,6 +9,8 @@ from typing import Any
 from learner.learner import Learner
 from lndrl.transport.status import balance_word, overhead
 
+_SETTLING = 5.0  # s from the first update on, before which shares of time say little
+
 
 def snapshot(learner: Learner) -> dict[str, Any]:
     """What ``lndrl.transport.status.Status`` describes, as plain data."""
@@ -23,7 +25,7 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     return {
         "run_id": learner.folder.run_id,
         "run_name": learner.folder.path.name,
-        "verdict": _verdict(learner, actors, shares, actor_shares),
+        "verdict": _verdict(learner, actors),
         "state": "done" if learner.finished else ("training" if counters.updates else "waiting"),
         "time": now,
         "uptime": time.monotonic() - learner.started,
@@ -48,19 +50,17 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     }
 
 
-def _verdict(
-    learner: Learner,
-    actors: list[dict[str, Any]],
-    shares: dict[str, float],
-    actor_shares: dict[str, float],
-) -> str:
+def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
     if learner.finished:
         return "done"
     if all(actor["state"] == "gone" for actor in actors):
         return "waiting for actors"
-    if not learner.figures or not actor_shares:
-        return "learning"  # too early to say more
-    return balance_word(shares["wait"], actor_shares.get("wait", 0.0))
+    # That the learner waited for the first batch of all says nothing about the balance.
+    since = time.time() - learner.history[0]["time"] if learner.history else 0.0
+    if since < _SETTLING:
+        return "learning"
+    waits = learner.split.shares(since)["wait"]
+    return balance_word(waits, learner.roster.shares(since).get("wait", 0.0))
 
 
 class StatusThread:

@@ -215,12 +215,12 @@ def test_shares_are_of_the_newest_chunks(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_actors_taken_away_leave_the_rows() -> None:
-    ingest = make_ingest()
+    ingest = make_ingest(ppo={"batch_size": 1024, "minibatch_size": 16})
     for actor in ("a", "b"):
         send(ingest, actor=actor)
     ingest.roster.retire("b")
     assert [row["state"] for row in ingest.roster.rows(0)] == ["active", "active"]
-    send(ingest, actor="b", sequence=2)  # was on its way
+    assert send(ingest, actor="b", sequence=2).status == "accepted", "it was on its way"
     for actor in ("a", "b"):
         ingest.on_member(actor, "x", False)
     assert [(row["id"], row["state"]) for row in ingest.roster.rows(0)] == [("a", "gone")]
