@@ -12,10 +12,10 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable
-from time import perf_counter
 
+from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
-from lndrl.config import RunConfig, parse_config
+from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
 from lndrl.transport import (
     NO_WEIGHTS,
     ActorEndpoint,
@@ -42,7 +42,8 @@ class Actor:
 
     ``actor_id`` names the place of this actor across restarts, ``incarnation`` this life of it;
     by default both are made up. A repeatable run passes both. ``worlds`` overrides
-    ``config.actor.worlds``. ``patient`` waits for a learner that does not answer instead of
+    ``config.actor.worlds``; where that is auto, ``siblings`` is how many actors there are (see
+    ``RunConfig.worlds_per_actor``). ``patient`` waits for a learner that does not answer instead of
     failing. ``on_event(event, text)`` hears of joined, refused, stale and the like.
     """
 
@@ -53,6 +54,7 @@ class Actor:
         actor_id: str = "",
         incarnation: str = "",
         worlds: int | None = None,
+        siblings: int = FIXED_ACTORS,
         device: str = "cpu",
         patient: bool = False,
         on_event: Callable[[str, str], None] = lambda event, text: None,
@@ -62,7 +64,8 @@ class Actor:
         self.incarnation = incarnation or secrets.token_hex(8)
         self.rollout: Rollout | None = None
         self.chunks = 0  # collected in this incarnation
-        self._worlds, self._device = worlds, device
+        self.laps = Laps()
+        self._worlds, self._siblings, self._device = worlds, siblings, device
         self._patient = patient
         self._on_event = on_event
         self._welcome: Welcome | None = None
@@ -70,7 +73,6 @@ class Actor:
         self._base_version = 0  # lock-step: weights version that chunk round 0 acts on
         self._round = 0  # lock-step: chunks that the learner has taken on since the base
         self._weights_from = ""  # incarnation of the learner that gave the held weights
-        self._seconds = {"upload": 0.0, "fetch": 0.0, "wait": 0.0}
 
     @property
     def done(self) -> bool:
@@ -108,6 +110,7 @@ class Actor:
 
         Never waits for the learner's progress. Says hello first where that is due.
         """
+        self.laps.lap("wait")  # between two calls there was nothing to do
         if self.rollout is None or self.endpoint.needs_hello():
             self.join(stopped)
         self._take_acks()
@@ -129,6 +132,7 @@ class Actor:
         self._take_acks()
         kept = self.endpoint.pending()  # the hello itself may already settle them
         welcome = self._hello(stopped)
+        self.laps.lap("wait")
         if welcome is None:
             return
         config = parse_config(welcome.config, "configuration from the learner")
@@ -147,8 +151,10 @@ class Actor:
             self._first_number = offset
             first_episode = offset * config.actor.horizon if lockstep else offset
             index = welcome.actor_index
-            rollout = Rollout(config, index, self._worlds, first_episode, self._device)
+            worlds = self._worlds or config.worlds_per_actor(self._siblings)
+            rollout = Rollout(config, index, worlds, first_episode, self._device, self.laps)
             self.rollout, self._weights_from = rollout, ""
+            self.laps.restart()  # building worlds and compiling is no part of any chunk
         self._on_event(
             "joined again" if rejoin else "joined",
             f"run {welcome.run_id}, {rollout.worlds} worlds, "
@@ -205,7 +211,7 @@ class Actor:
         wanted = self._required_version() if lockstep else newest
         if rollout.version == wanted and self._weights_from == learner:
             return True
-        begun = perf_counter()
+        self.laps.lap("other")
         try:
             version, blob = self.endpoint.fetch(wanted if lockstep else None, FETCH_TIMEOUT)
         except WeightsGoneError:
@@ -214,9 +220,10 @@ class Actor:
             return False
         except TimeoutError:
             return not lockstep and self._weights_from == learner
+        else:
+            rollout.load(version, blob)
         finally:
-            self._seconds["fetch"] += perf_counter() - begun
-        rollout.load(version, blob)
+            self.laps.lap("fetch")
         self._weights_from = learner
         return True
 
@@ -229,17 +236,14 @@ class Actor:
         return self.endpoint.pending() < window
 
     def _wait(self, stop: threading.Event) -> None:
-        """A moment, for the upload window or for weights; told as upload or wait."""
-        begun = perf_counter()
+        """A moment, for the upload window or for weights."""
         newest, _ = self.endpoint.newest()
         if self.ready():
             return
         if self.rollout is not None and not self._window_open():
             stop.wait(WINDOW_WAIT)
-            self._seconds["upload"] += perf_counter() - begun
         else:
             self.endpoint.wait_newer(newest, WEIGHTS_WAIT)
-            self._seconds["wait"] += perf_counter() - begun
 
     def _upload(self, rollout: Rollout, chunk: Chunk) -> None:
         assert self._welcome is not None
@@ -253,15 +257,12 @@ class Actor:
             steps=rollout.steps,
             worlds=rollout.worlds,
             episodes=[episode.to_dict() for episode in chunk.episodes],
-            timing={**chunk.seconds, **self._seconds},
+            timing=self.laps.take(),
             host=socket.gethostname(),
             pid=os.getpid(),
         )
-        self._seconds = dict.fromkeys(self._seconds, 0.0)
-        begun = perf_counter()
         self.endpoint.upload(header, chunk.trajectory.to_arrays())
-        # Known only now, so it is told with the next chunk.
-        self._seconds["upload"] += perf_counter() - begun
+        self.laps.lap("upload")  # known only now, so it is told with the next chunk
 
     def _take_acks(self) -> None:
         """Learn what became of the uploads; weights that an ack tells of are fetched next."""

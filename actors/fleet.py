@@ -50,6 +50,7 @@ class _Slot:
     started: float = 0.0
     failures: int = 0
     restart_at: float = 0.0
+    joined: bool = False
     done: bool = False
 
 
@@ -57,7 +58,8 @@ class Fleet:
     """N supervised actor processes against the learner at ``endpoint``.
 
     ``worlds`` None leaves the number of worlds per process to the learner's configuration.
-    ``log`` gets one line per event. Nothing here blocks except ``stop`` (at most 3 s).
+    ``log`` gets one line per event. Nothing here blocks except ``stop`` (at most 3 s). ``grow``
+    and ``shrink`` change N while the fleet runs; call all from one thread.
     ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
     """
 
@@ -75,7 +77,9 @@ class Fleet:
         self.restarts = 0
         self.error = ""
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
+        self._name = name
         self._slots = [_Slot(i, f"{name}-{i:03d}") for i in range(count)]
+        self._leaving: list[tuple[_Slot, float]] = []  # with the monotonic s of patience's end
         self._joined = False  # has any worker ever been welcomed
 
     def start(self) -> None:
@@ -86,9 +90,39 @@ class Fleet:
         """
         self._spawn(self._slots[0])
 
+    def __len__(self) -> int:
+        """N, whether they run already or not."""
+        return len(self._slots)
+
+    def settled(self) -> bool:
+        """Whether all N actors have joined the learner and none is on its way out."""
+        return not self._leaving and all(slot.joined for slot in self._slots)
+
+    def grow(self) -> str:
+        """One actor more, which ``poll`` spawns; returns its id."""
+        taken = {slot.index for slot in self._slots}
+        taken |= {slot.index for slot, _ in self._leaving}
+        index = next(i for i in range(len(taken) + 1) if i not in taken)
+        self._slots.append(_Slot(index, f"{self._name}-{index:03d}"))
+        return self._slots[-1].actor_id
+
+    def shrink(self) -> str | None:
+        """One actor less, the newest; returns its id, None where only one is left.
+
+        It is asked to stop and drops the chunk it is at; ``poll`` or ``stop`` sees it off.
+        """
+        if len(self._slots) == 1:
+            return None
+        slot = self._slots.pop()
+        if slot.process is not None:
+            slot.process.terminate()
+            self._leaving.append((slot, time.monotonic() + STOP_WITHIN))
+        return slot.actor_id
+
     def pids(self) -> list[int]:
-        """Process ids of the workers that live now, in the order of their index."""
-        processes = [slot.process for slot in self._slots]
+        """Process ids of the workers that live now; last those that have been asked to stop."""
+        leaving = [slot for slot, _ in self._leaving]
+        processes = [slot.process for slot in [*self._slots, *leaving]]
         return [p.pid for p in processes if p is not None and p.pid is not None and p.is_alive()]
 
     def poll(self) -> int | None:
@@ -97,6 +131,7 @@ class Fleet:
         0: every worker reports that the run is done. 2: a worker met an error that the user can
         mend, see ``error``; the other workers still run until ``stop``.
         """
+        self._see_off()
         for slot in self._slots:
             self._hear(slot)
             if not slot.done and slot.process is not None and not slot.process.is_alive():
@@ -113,7 +148,8 @@ class Fleet:
 
     def stop(self) -> None:
         """End every worker: SIGTERM, and SIGKILL for what is left after a short grace."""
-        running = [slot.process for slot in self._slots if slot.process is not None]
+        slots = [*self._slots, *(slot for slot, _ in self._leaving)]
+        running = [slot.process for slot in slots if slot.process is not None]
         for process in running:
             process.terminate()
         deadline = time.monotonic() + STOP_WITHIN
@@ -122,8 +158,20 @@ class Fleet:
             if process.is_alive():
                 process.kill()
                 process.join()
-        for slot in self._slots:
+        for slot in slots:
             self._release(slot)
+        self._leaving = []
+
+    def _see_off(self) -> None:
+        """Bury the workers that ``shrink`` has asked to stop, and kill those that linger."""
+        for slot, deadline in list(self._leaving):
+            assert slot.process is not None
+            if slot.process.is_alive():
+                if time.monotonic() > deadline:
+                    slot.process.kill()
+                continue
+            self._release(slot)
+            self._leaving = [other for other in self._leaving if other[0] is not slot]
 
     def _spawn(self, slot: _Slot) -> None:
         context = multiprocessing.get_context("spawn")
@@ -131,6 +179,7 @@ class Fleet:
             endpoint=self._endpoint,
             actor_id=slot.actor_id,
             worlds=self._worlds,
+            siblings=len(self._slots),
             device=self._device,
             patient=self._joined,
             parent=os.getpid(),
@@ -153,7 +202,8 @@ class Fleet:
                 if event == "error":
                     self.error = self.error or text
                     continue
-                self._joined |= event == "joined"
+                slot.joined |= event == "joined"
+                self._joined |= slot.joined
                 slot.done |= event == "done"
                 self._log(f"actor {slot.index} {event}" + (f": {text}" if text else ""))
 
@@ -176,6 +226,7 @@ class Fleet:
         if slot.channel is not None:
             slot.channel.close()
         slot.process = slot.channel = None
+        slot.joined = False
 
 
 def run_fleet(endpoint: str, count: int, worlds: int | None = None, device: str = "cpu") -> int:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
+from actors.laps import Laps
 from lndrl.config import RunConfig
 from lndrl.navigation import (
     EpisodeRecord,
@@ -30,22 +31,19 @@ WORLDS_PER_ACTOR = 100_000  # world ids actor_index * this + i are distinct amon
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one call of ``Rollout.collect`` yields.
-
-    ``seconds`` splits its wall time: ``simulate`` (worlds, AMCL, reward) and ``infer`` (policy).
-    """
+    """What one call of ``Rollout.collect`` yields."""
 
     trajectory: Trajectory
     episodes: list[EpisodeRecord]
-    seconds: dict[str, float]
 
 
 class Rollout:
     """B worlds and the policy that drives them.
 
     ``actor_index`` decides the world ids and the action noise, ``first_episode`` numbers every
-    world's first episode; ``worlds`` (B) defaults to ``config.actor.worlds``, the chunk length
-    T is ``config.actor.horizon``. Raises UserError when the scenario cannot be built.
+    world's first episode; ``worlds`` (B) defaults to ``config.worlds_per_actor()``, the chunk
+    length T is ``config.actor.horizon``. ``laps`` hears how long worlds (``simulate``) and policy
+    (``infer``) take. Raises UserError when the scenario cannot be built.
     """
 
     def __init__(
@@ -55,11 +53,13 @@ class Rollout:
         worlds: int | None = None,
         first_episode: int = 0,
         device: str = "cpu",
+        laps: Laps | None = None,
     ) -> None:
         self.config = config
+        self.laps = laps or Laps()
         self.actor_index = actor_index
         self.steps = config.actor.horizon
-        self.worlds = worlds or config.actor.worlds
+        self.worlds = worlds or config.worlds_per_actor()
         self.version = -1  # no weights yet
         surroundings = build_surroundings(config)
         self.environment = VectorNavigation(
@@ -97,24 +97,22 @@ class Rollout:
         terminated, truncated = np.zeros((2, steps, worlds), np.uint8)
         finals = [Observation.zeros_for(0, self.config)]
         episodes: list[EpisodeRecord] = []
-        seconds = {"simulate": 0.0, "infer": 0.0}
 
         for t in range(steps):
             if stopped():
                 return None
             observation.put(t, environment.observation)
-            begun = perf_counter()
+            self.laps.lap("other")
             action[t], log_prob[t] = self.runner.act(environment.observation, generator)
-            decided = perf_counter()
+            self.laps.lap("infer")
             result = environment.step(action[t])
-            seconds["infer"] += decided - begun
-            seconds["simulate"] += perf_counter() - decided
+            self.laps.lap("simulate")
             reward[t] = result.reward
             terminated[t], truncated[t] = result.terminated, result.truncated
             episodes.extend(result.episodes)
             needed = ~result.terminated if t == steps - 1 else result.truncated
             if needed.any():
-                finals.append(following(environment.observation, result).take(needed))
+                finals.append(following(environment.observation, result, needed))
 
         trajectory = Trajectory(
             observation=observation,
@@ -127,15 +125,17 @@ class Rollout:
             final_index=final_indices(terminated, truncated),
             final_observation=Observation.concatenate(finals),
         )
-        return Chunk(trajectory, episodes, seconds)
+        return Chunk(trajectory, episodes)
 
 
-def following(current: Observation, result: StepResult) -> Observation:
-    """The observation (B) that each step led to, before any restart (terminated rows are void).
+def following(current: Observation, result: StepResult, needed: NDArray[np.bool_]) -> Observation:
+    """What the step led to in the ``needed`` (B,) worlds (F), before any restart.
 
-    ``current`` is the environment's observation after the step, where a truncated world has
-    already begun its next episode.
+    ``current`` (B,) is the environment's observation after the step, where a truncated world has
+    already begun its next episode. Worlds that terminated have nothing that follows.
     """
-    rows = current.copy()
-    rows.put(result.truncated, result.final_observation.take(result.truncated))
+    rows = current.take(needed)
+    cut = result.truncated & needed
+    if cut.any():
+        rows.put(cut[needed], result.final_observation.take(cut))
     return rows

@@ -34,7 +34,8 @@ THREAD_VARIABLES = (
 class WorkerOptions:
     """What a worker process is told: plain values that survive a spawn.
 
-    ``worlds`` None leaves the number to the learner's configuration. ``patient`` makes an
+    ``worlds`` None leaves the number to the learner's configuration, where auto means as fits a
+    fleet of ``siblings`` actors. ``patient`` makes an
     unreachable learner something to wait for rather than an error. ``parent`` is the process
     without which the worker ends.
     """
@@ -42,6 +43,7 @@ class WorkerOptions:
     endpoint: str
     actor_id: str
     worlds: int | None
+    siblings: int
     device: str
     patient: bool
     parent: int
@@ -101,6 +103,7 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
                 endpoint,
                 actor_id=options.actor_id,
                 worlds=options.worlds,
+                siblings=options.siblings,
                 device=options.device,
                 patient=options.patient,
                 on_event=report,

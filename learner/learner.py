@@ -24,8 +24,7 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
-
-ACTIVITIES = ("wait", "ingest", "update", "publish", "checkpoint")
+from lndrl.transport.status import LEARNER_ACTIVITIES, overhead
 
 
 class Learner:
@@ -68,7 +67,7 @@ class Learner:
         )
         self.episodes = EpisodeWindow(self.counters.episodes)
         self.recorder = Recorder(self.folder.path, self.counters.updates)
-        self.split = TimeSplit(ACTIVITIES)
+        self.split = TimeSplit(LEARNER_ACTIVITIES)
         self.figures: dict[str, float] = {}
         self.lag: dict[str, float] = {}
         self.history: list[dict[str, Any]] = []
@@ -136,7 +135,7 @@ class Learner:
 
     def _collect(self, timeout: float) -> list[Chunk] | None:
         if self.config.learner.mode == "lockstep":
-            return self.ingest.take_round(self.config.actor.count, timeout)
+            return self.ingest.take_round(self.config.fixed_actors, timeout)
         return self.ingest.take(self.config.ppo.batch_size, timeout)
 
     def _update(self, batch: Batch) -> None:
@@ -168,6 +167,7 @@ class Learner:
             self.episodes.add(chunk.episodes)
         self.counters.episodes = self.episodes.count
         self.counters.elapsed = self.elapsed
+        shares, actors = self.split.shares(), self.roster.shares()
         row = {
             "update": self.counters.updates,
             "steps": self.counters.steps,
@@ -182,7 +182,17 @@ class Learner:
                 "elapsed": self.elapsed,
                 "update": seconds,
                 "steps_per_second": self.ingest.rates.rate(60.0),
-                **{f"share_{name}": share for name, share in self.split.shares().items()},
+                "actors": self.roster.counts()[0],
+                **{f"share_{name}": share for name, share in shares.items()},
+                **{f"actor_share_{name}": share for name, share in actors.items()},
+                "overhead_learner": overhead(shares),
+                "overhead_actor": overhead(actors),
+                # Sums since this learner started: what lies between two rows is exact.
+                "spent": {
+                    "learner": self.split.totals(),
+                    "actors": self.roster.totals(),
+                    "actor_steps": self.roster.steps(),
+                },
             },
         }
         self.recorder.add(row)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
 
 from learner.timing import Rates
+from lndrl.transport.status import ACTOR_ACTIVITIES, shares_of
 
 _WINDOW = 16  # uploads that may overtake one that is still on its way
 _SLOW_AFTER = 5.0  # s without an acknowledged chunk beyond the actor's own rhythm
+_WINDOW_SECONDS = 60.0  # behind every share of an actor's time
 
 
 class Sequences:
@@ -51,13 +55,23 @@ class Member:
     pid: int = 0
     worlds: int = 0
     alive: bool = True
+    retired: bool = False  # taken away on purpose: nobody need worry
     last_ack: float | None = None  # monotonic s
     interval: float = 0.0  # s between its last two chunks
     version: int = 0
     steps: int = 0
     restarts: int = 0
-    time_split: dict[str, float] = field(default_factory=dict)
+    timings: deque[tuple[float, dict[str, float]]] = field(default_factory=deque)
     rates: Rates = field(default_factory=Rates)
+
+    def seconds(self, since: float) -> dict[str, float]:
+        """By activity, of the newest chunk and all that came after ``since`` (monotonic s)."""
+        newest = len(self.timings) - 1
+        total: dict[str, float] = {}
+        for i, (came, timing) in enumerate(self.timings):
+            if came > since or i == newest:
+                _add(total, timing)
+        return total
 
 
 class Roster:
@@ -66,6 +80,7 @@ class Roster:
     def __init__(self) -> None:
         self._members: dict[str, Member] = {}
         self._sequences: dict[tuple[str, str], Sequences] = {}
+        self._totals: dict[str, float] = {}  # s by activity of all chunks ever accepted
         self._lock = Lock()
 
     def join(self, actor_id: str, incarnation: str, host: str, pid: int, worlds: int) -> Member:
@@ -77,9 +92,17 @@ class Roster:
                 self._members[actor_id] = member
             elif member.incarnation not in ("", incarnation):
                 member.restarts += 1
+            # A chunk may still be on its way from an actor that was taken away.
+            member.retired = member.retired and member.incarnation == incarnation
             member.incarnation, member.host, member.pid = incarnation, host, pid
             member.worlds, member.alive = worlds, True
             return member
+
+    def retire(self, actor_id: str) -> None:
+        """Leave an actor out of the rows once it is gone: it was taken away on purpose."""
+        with self._lock:
+            if actor_id in self._members:
+                self._members[actor_id].retired = True
 
     def gone(self, actor_id: str, incarnation: str, alive: bool) -> bool:
         """Note a liveliness change; True when it changed what was known of this incarnation."""
@@ -107,6 +130,7 @@ class Roster:
     ) -> int:
         """Note an accepted chunk of a member that has joined; returns chunks found missing."""
         now = time.monotonic()
+        timing = {k: max(0.0, v) for k, v in timing.items() if k in ACTOR_ACTIVITIES}
         with self._lock:
             known = self._sequences.setdefault((actor_id, incarnation), Sequences())
             missing = known.add(sequence)
@@ -116,8 +140,10 @@ class Roster:
             member.last_ack, member.alive = now, True
             member.steps += steps
             member.version = version
-            total = sum(timing.values())
-            member.time_split = {k: v / total for k, v in timing.items()} if total > 0 else {}
+            member.timings.append((now, timing))
+            while member.timings[0][0] < now - _WINDOW_SECONDS:
+                member.timings.popleft()
+            _add(self._totals, timing)
             member.rates.add(steps)
             return missing
 
@@ -127,13 +153,37 @@ class Roster:
             members = list(self._members.values())
         return sum(m.alive for m in members), len(members)
 
+    def steps(self) -> int:
+        """Environment steps of all chunks accepted since this learner started."""
+        with self._lock:
+            return sum(member.steps for member in self._members.values())
+
+    def totals(self) -> dict[str, float]:
+        """Seconds by activity of all actors since this learner started."""
+        with self._lock:
+            return dict(self._totals)
+
+    def shares(self, window: float = _WINDOW_SECONDS) -> dict[str, float]:
+        """Shares by activity of the living actors' last ``window`` s, all together.
+
+        Of at most the last minute. Empty before the first chunk.
+        """
+        since = time.monotonic() - window
+        total: dict[str, float] = {}
+        with self._lock:
+            for member in self._members.values():
+                if member.alive:
+                    _add(total, member.seconds(since))
+        return shares_of(total)
+
     def rows(self, weights_version: int) -> list[dict[str, Any]]:
         """The actors as status rows."""
         now = time.monotonic()
         with self._lock:
-            members = list(self._members.values())
+            members = [m for m in self._members.values() if m.alive or not m.retired]
+            seconds = [member.seconds(now - _WINDOW_SECONDS) for member in members]
         rows = []
-        for member in members:
+        for member, spent in zip(members, seconds, strict=True):
             age = None if member.last_ack is None else now - member.last_ack
             slow = age is not None and age > _SLOW_AFTER + 3.0 * member.interval
             rows.append(
@@ -148,7 +198,7 @@ class Roster:
                     "steps": member.steps,
                     "rate": member.rates.rate(60.0) if member.alive else 0.0,
                     "restarts": member.restarts,
-                    "time_split": member.time_split,
+                    "time_split": shares_of(spent),
                 }
             )
         return rows
@@ -173,3 +223,8 @@ class Roster:
                 (actor, incarnation): Sequences(following, set(beyond))
                 for actor, incarnation, following, beyond in state["sequences"]
             }
+
+
+def _add(total: dict[str, float], seconds: Mapping[str, float]) -> None:
+    for name, value in seconds.items():
+        total[name] = total.get(name, 0.0) + value

@@ -7,6 +7,9 @@ from threading import Event, Thread
 from typing import Any
 
 from learner.learner import Learner
+from lndrl.transport.status import balance_word, overhead
+
+_SETTLING = 5.0  # s from the first update on, before which shares of time say little
 
 
 def snapshot(learner: Learner) -> dict[str, Any]:
@@ -15,13 +18,14 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     rates = ingest.rates.all()
     shares = learner.split.shares()
     actors = learner.roster.rows(counters.version)
+    actor_shares = learner.roster.shares()
     left = max(0, config.learner.total_steps - counters.steps)
     now = time.time()
     kept = learner.last_checkpoint
     return {
         "run_id": learner.folder.run_id,
         "run_name": learner.folder.path.name,
-        "verdict": _verdict(learner.finished, shares, actors),
+        "verdict": _verdict(learner, actors),
         "state": "done" if learner.finished else ("training" if counters.updates else "waiting"),
         "time": now,
         "uptime": time.monotonic() - learner.started,
@@ -32,6 +36,9 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "rate": rates,
         "eta": left / rates["300s"] if rates["300s"] > 0 else None,
         "time_split": shares,
+        "actor_split": actor_shares,
+        "overhead_learner": overhead(shares),
+        "overhead_actor": overhead(actor_shares),
         "actors": actors,
         "episodes": learner.episodes.figures(),
         "ppo": learner.figures,
@@ -43,18 +50,17 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     }
 
 
-def _verdict(finished: bool, shares: dict[str, float], actors: list[dict[str, Any]]) -> str:
-    living = [actor for actor in actors if actor["state"] != "gone"]
-    if finished:
+def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
+    if learner.finished:
         return "done"
-    if not living:
+    if all(actor["state"] == "gone" for actor in actors):
         return "waiting for actors"
-    if shares["wait"] > 0.5:
-        return "actor-bound"
-    idle = sum(actor["time_split"].get("upload", 0.0) for actor in living) / len(living)
-    if shares["wait"] < 0.05 and idle > 0.3:
-        return "learner-bound"
-    return "learning"
+    # That the learner waited for the first batch of all says nothing about the balance.
+    since = time.time() - learner.history[0]["time"] if learner.history else 0.0
+    if since < _SETTLING:
+        return "learning"
+    waits = learner.split.shares(since)["wait"]
+    return balance_word(waits, learner.roster.shares(since).get("wait", 0.0))
 
 
 class StatusThread:

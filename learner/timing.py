@@ -10,7 +10,11 @@ from threading import Lock
 
 
 class TimeSplit:
-    """Records which activity ran when; one thread writes, any thread reads."""
+    """Records which activity ran when; one thread writes, any thread reads.
+
+    The time between two activities counts as ``other``, which ``activities`` must name, so that
+    all time from the first one on is accounted for.
+    """
 
     def __init__(
         self,
@@ -18,7 +22,6 @@ class TimeSplit:
         window: float = 60.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._activities = activities
         self._window = window
         self._clock = clock
         self._past: deque[tuple[str, float, float]] = deque()
@@ -29,35 +32,47 @@ class TimeSplit:
     @contextmanager
     def during(self, activity: str) -> Iterator[None]:
         """Count the time inside the block as ``activity``; blocks do not nest."""
-        begin = self._clock()
-        with self._lock:
-            self._current = (activity, begin)
+        self._begin(activity)
         try:
             yield
         finally:
-            end = self._clock()
-            with self._lock:
-                self._current = None
-                self._past.append((activity, begin, end))
-                self._totals[activity] += end - begin
-                while self._past and self._past[0][2] < end - self._window:
-                    self._past.popleft()
+            self._begin("other")
 
-    def totals(self) -> dict[str, float]:
-        """Seconds by activity since the start, finished blocks only."""
-        with self._lock:
-            return dict(self._totals)
-
-    def shares(self) -> dict[str, float]:
-        """Fractions of the recorded part of the window by activity; they sum to 1 or are 0."""
+    def _begin(self, activity: str) -> None:
+        """End what runs and begin ``activity``."""
         now = self._clock()
         with self._lock:
+            if self._current is not None:
+                name, begin = self._current
+                self._past.append((name, begin, now))
+                self._totals[name] += now - begin
+                while self._past[0][2] < now - self._window:
+                    self._past.popleft()
+            self._current = (activity, now)
+
+    def totals(self) -> dict[str, float]:
+        """Seconds by activity since the first one began; they sum to all the time since then."""
+        now = self._clock()
+        with self._lock:
+            totals = dict(self._totals)
+            if self._current is not None:
+                totals[self._current[0]] += now - self._current[1]
+        return totals
+
+    def shares(self, window: float | None = None) -> dict[str, float]:
+        """Fractions of the last ``window`` s by activity, as far as recorded.
+
+        They sum to 1, or are 0 before the first activity. At most the window of the record.
+        """
+        now = self._clock()
+        first = now - min(self._window, self._window if window is None else window)
+        with self._lock:
             pieces = list(self._past)
-            if self._current:
+            if self._current is not None:
                 pieces.append((*self._current, now))
-        seconds = dict.fromkeys(self._activities, 0.0)
+        seconds = dict.fromkeys(self._totals, 0.0)
         for activity, begin, end in pieces:
-            seconds[activity] += max(0.0, end - max(begin, now - self._window))
+            seconds[activity] += max(0.0, end - max(begin, first))
         total = sum(seconds.values())
         return {name: value / total if total > 0 else 0.0 for name, value in seconds.items()}
 

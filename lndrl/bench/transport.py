@@ -82,7 +82,7 @@ def measure(seconds: float) -> dict[str, Any]:
     finally:
         process.kill()
         learner.close()
-    return _figures(receiver.arrivals, config.actor.horizon * config.actor.worlds)
+    return _figures(receiver.arrivals, config.actor.horizon * config.worlds_per_actor())
 
 
 def _figures(arrivals: list[tuple[float, int]], steps_per_chunk: int) -> dict[str, Any]:

@@ -51,6 +51,14 @@ def measure(seconds: float) -> dict[str, Any]:
     }
 
 
+def microseconds_by_part(seconds: float) -> dict[str, float]:
+    """The split of ``measure`` alone, in about ``seconds``."""
+    environment = VectorNavigation(hybrid_config(), 0, WORLDS)
+    actions = RandomActions(environment.config, WORLDS)
+    best = max(_drive(environment, actions, seconds / (2 * _TURNS)) for _ in range(_TURNS))
+    return _split(environment, 1e6 / best, seconds / 2)
+
+
 def _turns(variants: dict[str, list[str]], seconds: float) -> dict[str, list[float]]:
     """Control steps per second under ``configs/lndrl.yaml`` on hybrid with each of the overrides,
     ``_TURNS`` times each.

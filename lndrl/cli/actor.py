@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lndrl.cli.options import check_device, check_endpoint
+from lndrl.cli.options import check_device, check_endpoint, count_or_auto
 
 
 def actor(
@@ -15,8 +15,14 @@ def actor(
         typer.Option("--connect", metavar="ENDPOINT", help="The learner, tcp/HOST:PORT."),
     ],
     count: Annotated[
-        int, typer.Option("--count", min=1, metavar="N", help="Processes to start and keep alive.")
-    ] = 1,
+        str,
+        typer.Option(
+            "--count",
+            parser=count_or_auto,
+            metavar="N|auto",
+            help="Processes to start and keep alive; auto: one per core.",
+        ),
+    ] = "1",
     worlds: Annotated[
         int | None,
         typer.Option(
@@ -31,6 +37,8 @@ def actor(
     check_endpoint(connect, "--connect")
     check_device(device)
 
+    from actors.balance import usable_cores
     from actors.fleet import run_fleet
 
-    raise typer.Exit(run_fleet(connect, count, worlds, device))
+    number = usable_cores() if count == "auto" else int(count)
+    raise typer.Exit(run_fleet(connect, number, worlds, device))

@@ -18,6 +18,9 @@ def bench(
         bool,
         typer.Option("--peers", help="also laser, crowd, amcl, world as other packages do them"),
     ] = False,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="train: where the time of both sides goes, too")
+    ] = False,
     json_output: Annotated[
         bool, typer.Option("--json", help="print figures as JSON instead of tables")
     ] = False,
@@ -34,20 +37,28 @@ def bench(
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
 
-    from lndrl.bench import report
+    from lndrl.bench import report, train
     from lndrl.cli.tables import print_tables
 
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
+    if profile and name != "train":
+        raise UserError(f"--profile goes with train, not with {name}")
     names = list(report.BENCHMARKS) if name == "all" else [name]
     figures = {}
     for each in names:
-        on_device = name != "all" or each in report.ON_DEVICES
-        figures[each] = report.measure(each, seconds, device if on_device else None)
+        on_device = device if name != "all" or each in report.ON_DEVICES else None
+        if profile:
+            figures[each] = train.measure_profile(seconds)
+        else:
+            figures[each] = report.measure(each, seconds, on_device)
         if peers and (name != "all" or each in report.COMPARED):
             figures[each]["peers"] = report.measure_peers(each, seconds)
         if not json_output:
-            print_tables(report.figures_table(each, figures[each]))
+            plain = {key: value for key, value in figures[each].items() if key != "profile"}
+            print_tables(report.figures_table(each, plain))
+            if profile:
+                print_tables(train.profile_table(figures[each]["profile"]))
     facts = report.machine()
     if not json_output:
         typer.echo(report.machine_line(facts))

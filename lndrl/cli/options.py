@@ -82,6 +82,15 @@ def learner_device(device: str) -> str:
     return f"learner.device={device}"
 
 
+def count_or_auto(text: str) -> int | str:
+    """``text`` as a number of processes or "auto"; raises a usage error for anything else."""
+    if text == "auto":
+        return text
+    if not text.isdecimal() or int(text) < 1:
+        raise typer.BadParameter(f"'{text}' is neither auto nor a whole number, at least 1.")
+    return int(text)
+
+
 def check_device(device: str) -> str:
     """``device`` if torch could know it (cpu, cuda, cuda:0, mps); raises UserError otherwise."""
     if not _DEVICE.fullmatch(device):

@@ -10,12 +10,15 @@ import typer
 from lndrl.cli.options import (
     CheckpointName,
     ConfigFile,
+    LearnerDevice,
     Listen,
     Resume,
     RunName,
     Settings,
     Steps,
     check_endpoint,
+    count_or_auto,
+    learner_device,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.signals import stop_on_signals
@@ -25,8 +28,13 @@ from lndrl.errors import UserError
 def train(
     config: ConfigFile = None,
     actors: Annotated[
-        int | None,
-        typer.Option("--actors", min=1, metavar="N", help="Actors, each a process of its own."),
+        str | None,
+        typer.Option(
+            "--actors",
+            parser=count_or_auto,
+            metavar="N|auto",
+            help="Actors, each a process of its own; auto, unless configured: as keeps all busy.",
+        ),
     ] = None,
     steps: Steps = None,
     run: RunName = None,
@@ -38,6 +46,7 @@ def train(
         typer.Option("--serial", help="Everything in this process: slower, same bits every time."),
     ] = False,
     listen: Listen = None,
+    device: LearnerDevice = None,
     dashboard: Annotated[
         bool | None,
         typer.Option("--dashboard/--no-dashboard", help="Draw the run; default: in a terminal."),
@@ -54,6 +63,8 @@ def train(
         overrides.append(f"actor.count={actors}")
     if steps is not None:
         overrides.append(f"learner.total_steps={steps}")
+    if device is not None:
+        overrides.append(learner_device(device))
     if listen is not None:
         overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
     chosen, folder = choose_run(config, run, resume, overrides)

@@ -12,6 +12,8 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
+    from actors.balance import Balance
+    from actors.fleet import Fleet
     from learner.learner import Learner
     from learner.record import RunSummary
     from lndrl.cli.signals import Stop
@@ -38,12 +40,13 @@ def train_serially(
         learner.begin()
         actors = [
             Actor(network.actor(), actor_id=f"serial-{i:03d}", incarnation=_life(learner, i))
-            for i in range(config.actor.count)
+            for i in range(config.fixed_actors)
         ]
         while not learner.finished and not stop.is_set():
             for actor in actors:
                 if actor.ready():
-                    actor.run_chunk(stop.is_set)
+                    with learner.split.during("wait"):
+                        actor.run_chunk(stop.is_set)
                 if learner.advance(timeout=0.0):
                     print(plain_line(_status(learner)), flush=True)
         learner.end()
@@ -105,11 +108,21 @@ def _supervise(
     config: RunConfig, learner: Learner, thread: threading.Thread, dashboard: bool, stop: Stop
 ) -> None:
     """Keep the fleet alive and the picture fresh until the learner's thread ends."""
+    from actors.balance import Balance, first_choice, usable_cores
     from actors.fleet import Fleet
 
-    fleet = Fleet(
-        config.transport.endpoint, config.actor.count, log=lambda t: learner.events.add("fleet", t)
+    cores = usable_cores()
+    choice = first_choice(config, cores, learner.ppo.device.type)
+    learner.events.add(
+        "balance", f"{choice.actors} x {choice.worlds} worlds to begin with, {cores} cores"
     )
+    # Threads start with the first update, which needs actors; half for each network.
+    learner.ppo.threads = max(1, choice.learner_threads // 2)
+    fleet = Fleet(
+        config.transport.endpoint, choice.actors, log=lambda t: learner.events.add("fleet", t)
+    )
+    adapts = config.actor.count == "auto" and config.learner.mode == "async"
+    balance = Balance(most=cores) if adapts else None
     show = _Screen(learner) if dashboard else _Lines(learner)
     try:
         with show:
@@ -121,12 +134,33 @@ def _supervise(
                     raise UserError(fleet.error or "all actors ended before the run was finished")
                 if stop.is_set():
                     break
+                if balance is not None:
+                    _keep_balance(balance, fleet, learner)
                 time.sleep(_TICK)
             stop.set()
             thread.join()
             show.update()
     finally:
         fleet.stop()
+
+
+def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:
+    """One actor more or less where the shares of waiting say so; each change is an event."""
+    waits = learner.split.shares(balance.WINDOW)["wait"]
+    idle = learner.roster.shares(balance.WINDOW).get("wait", 0.0)
+    settled = bool(learner.figures) and fleet.settled()
+    advice = balance.advise(time.monotonic(), len(fleet), waits, idle, settled)
+    if not advice:
+        return
+    if advice > 0:
+        fleet.grow()
+    elif (taken := fleet.shrink()) is not None:
+        learner.roster.retire(taken)
+    learner.events.add(
+        "balance",
+        f"{'one actor more' if advice > 0 else 'one actor less'}, {len(fleet)} now: the learner "
+        f"waited {waits:.0%} of the last {balance.WINDOW:.0f} s, the actors {idle:.0%}",
+    )
 
 
 class _Lines:

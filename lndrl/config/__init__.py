@@ -14,6 +14,7 @@ from lndrl.config.learning import (
 )
 from lndrl.config.localization import LocalizationConfig
 from lndrl.config.run import (
+    FIXED_ACTORS,
     REPOSITORY_CONFIGS,
     RunConfig,
     load_config,
@@ -24,6 +25,7 @@ from lndrl.config.task import RewardConfig, TaskConfig
 from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
 
 __all__ = [
+    "FIXED_ACTORS",
     "REPOSITORY_CONFIGS",
     "ActorConfig",
     "CrowdConfig",

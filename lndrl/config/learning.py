@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator
 
 from lndrl.models import Count, Model, NonNegative, Positive, Probability
 
@@ -79,11 +79,29 @@ class LearnerConfig(Model):
         return device
 
 
+def _count_or_auto(value: Any) -> Any:
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
+    if value != "auto" and not whole:
+        raise ValueError(f"{value!r} must be auto or a whole number, at least 1")
+    return value
+
+
+CountOrAuto = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
+
+
 class ActorConfig(Model):
     """The actor service."""
 
-    count: Count = Field(2, description="processes that lndrl train starts")
-    worlds: Count = Field(8, description="worlds per process")
+    count: CountOrAuto = Field(
+        "auto",
+        description="processes that lndrl train starts; auto: as the machine and the learner's "
+        "waiting say, but 2 where a run must repeat on every machine (--serial, lockstep)",
+    )
+    worlds: CountOrAuto = Field(
+        "auto",
+        description="worlds per process; auto: as many as keep chunks small beside a batch, see "
+        "RunConfig.worlds_per_actor",
+    )
     horizon: Count = Field(64, description="steps per chunk")
     threads: Count = Field(1, description="torch threads per actor")
 

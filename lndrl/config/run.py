@@ -31,6 +31,12 @@ _IN_WHEEL = _HERE.parent / "configs"
 REPOSITORY_CONFIGS = _IN_WHEEL if _IN_WHEEL.is_dir() else _HERE.parent.parent / "configs"
 
 
+FIXED_ACTORS = 2
+"""What ``actor.count: auto`` means where a run must repeat on every machine."""
+MOST_WORLDS = 32
+"""Rows of one inference beyond which a sample hardly gets cheaper on one core."""
+
+
 class RunConfig(Model):
     """Everything that decides a run; the learner hands it to the actors."""
 
@@ -48,6 +54,28 @@ class RunConfig(Model):
     def to_yaml(self) -> str:
         """The resolved configuration as YAML; ``load_config`` reads it back equal."""
         return yaml.safe_dump(self.model_dump(mode="json"), sort_keys=False)
+
+    @property
+    def fixed_actors(self) -> int:
+        """Actors of a serial or lock-step run: the same on every machine."""
+        return FIXED_ACTORS if self.actor.count == "auto" else self.actor.count
+
+    def worlds_per_actor(self, actors: int = FIXED_ACTORS) -> int:
+        """Worlds of each of ``actors`` processes that work for one learner.
+
+        Where ``actor.worlds`` is auto: at most half a batch per chunk, so that a batch is cut
+        where it should; at most half of ``learner.max_lag`` batches in the chunks of all actors,
+        because a chunk is about that many updates old when it has been collected; and not more
+        than MOST_WORLDS. Depends on ``actors`` but on nothing else of the machine, and in
+        lock-step not even on that.
+        """
+        if self.actor.worlds != "auto":
+            return self.actor.worlds
+        if self.learner.mode == "lockstep":
+            actors = self.fixed_actors
+        age = max(1.0, self.learner.max_lag / 2)
+        samples = self.ppo.batch_size * min(0.5, age / actors)
+        return min(MOST_WORLDS, max(1, int(samples / self.actor.horizon)))
 
     def content_hash(self) -> str:
         """Twelve hex digits that change when any value changes."""

@@ -97,9 +97,9 @@ class VectorNavigation:
         if velocities.shape != (number, 2):
             raise ValueError(f"expected commands for {number} worlds, not {velocities.shape}")
         self._run(np.ascontiguousarray(velocities, dtype=np.float64))
-        outcome = np.array([world.track.outcome[0] for world in self.worlds])
+        reward, outcome = self._judged()
         result = StepResult(
-            reward=np.array([world.track.reward[0] for world in self.worlds], np.float32),
+            reward=reward.astype(np.float32),
             terminated=(outcome != RUNNING) & (outcome != TIMEOUT),
             truncated=outcome == TIMEOUT,
             final_observation=self._final,
@@ -118,6 +118,16 @@ class VectorNavigation:
         for i, world in enumerate(self.worlds):
             world.batch.drive(commands[i : i + 1])
             world.batch.judge()
+
+    def _judged(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Rewards and outcomes (B,) of the last step; views where the worlds share memory."""
+        if self._batch is not None:
+            tracks = self._batch.tracks
+            return tracks.reward[:, 0], tracks.outcome[:, 0]
+        return (
+            np.array([world.track.reward[0] for world in self.worlds]),
+            np.array([world.track.outcome[0] for world in self.worlds]),
+        )
 
     def _end(self, i: int, result: StepResult) -> None:
         """Write down world ``i``'s episode, which has ended, and start its next one."""

@@ -8,7 +8,7 @@ refused.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field
@@ -28,6 +28,43 @@ Share = Annotated[float, Field(ge=0, le=1.0 + 1e-6)]
 Measured = Annotated[float | None, BeforeValidator(_nan_is_missing)]
 """A mean that does not exist before the first sample: None, or NaN on the wire."""
 MeasuredShare = Annotated[Share | None, BeforeValidator(_nan_is_missing)]
+
+
+LEARNER_ACTIVITIES = ("update", "ingest", "publish", "checkpoint", "wait", "other")
+"""Where a learner's time goes. ``wait`` is for data; ``other`` records, and is all the rest."""
+ACTOR_ACTIVITIES = ("simulate", "infer", "upload", "fetch", "wait", "other")
+"""Where an actor's time goes. ``upload`` packs and hands over, ``fetch`` gets and loads weights,
+``wait`` is for room at the learner or for weights, ``other`` is the loop around it all."""
+WORK = frozenset({"update", "simulate", "infer"})
+"""What a busy process is there for; its other time is overhead."""
+
+LEARNER_WAITS = 0.1
+"""Share of waiting from which a learner could use more actors."""
+ACTORS_IDLE = 0.6
+"""Share of waiting from which there are more actors than the learner can follow."""
+
+
+def shares_of(seconds: Mapping[str, float]) -> dict[str, float]:
+    """Seconds by activity as shares of their sum; empty where nothing took time."""
+    total = sum(seconds.values())
+    return {name: value / total for name, value in seconds.items()} if total > 0 else {}
+
+
+def overhead(seconds: Mapping[str, float]) -> float | None:
+    """Share of the time that is not waiting and yet no WORK; None where all was waiting.
+
+    ``seconds`` by activity, of an actor or of a learner; shares do as well.
+    """
+    busy = sum(seconds.values()) - seconds.get("wait", 0.0)
+    work = sum(value for name, value in seconds.items() if name in WORK)
+    return min(1.0, max(0.0, 1.0 - work / busy)) if busy > 1e-9 else None
+
+
+def balance_word(learner_waits: float, actors_idle: float) -> str:
+    """The verdict on two shares of waiting: actor-bound, learner-bound or balanced."""
+    if learner_waits > LEARNER_WAITS:
+        return "actor-bound"
+    return "learner-bound" if actors_idle > ACTORS_IDLE else "balanced"
 
 
 class StatusModel(Model):
@@ -147,6 +184,11 @@ class Status(StatusModel):
     time_split: dict[str, Share] = Field(
         default_factory=dict, description="shares of the learner's last minute"
     )
+    actor_split: dict[str, Share] = Field(
+        default_factory=dict, description="shares of the actors' last minute, all together"
+    )
+    overhead_learner: Share | None = Field(None, description="see overhead()")
+    overhead_actor: Share | None = None
     actors: list[ActorStatus] = Field(default_factory=list)
     episodes: Episodes = Episodes()
     ppo: Optimization = Optimization()
@@ -178,6 +220,7 @@ VERDICTS = (
     "waiting for actors",
     "learner-bound",
     "actor-bound",
+    "balanced",
     "stale",
     "done",
 )

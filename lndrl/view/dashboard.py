@@ -18,6 +18,8 @@ NARROWEST = 40
 ROOMY = (78, 32)
 """Columns and rows from which panels get borders instead of a ruled title."""
 TWO_COLUMNS = 76
+SHORT = (28, 22)
+"""Rows from which both sides' time has up to three rows, and from which it has two."""
 EVENTS_LISTED = 10
 """Events shown where the height is free (``--once``)."""
 
@@ -39,7 +41,8 @@ def render(
     width = max(width, NARROWEST)
     boxed = width >= ROOMY[0] and (height is None or height >= ROOMY[1])
     inside = width - 4 if boxed else width
-    top = _frame(panels.header(status, inside, stale_age), width, boxed)
+    splits = 3 if height is None or height >= SHORT[0] else 2 if height >= SHORT[1] else 1
+    top = _frame(panels.header(status, inside, stale_age, splits), width, boxed)
     middle = _middle(status, history, width, boxed)
     if height is None:
         rows = (len(status.actors) + 1, EVENTS_LISTED)

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from rich.text import Text
 
-from lndrl.transport.status import ActorStatus, HistoryRow, Status
+from lndrl.transport.status import (
+    ACTOR_ACTIVITIES,
+    LEARNER_ACTIVITIES,
+    ActorStatus,
+    HistoryRow,
+    Status,
+)
 from lndrl.view.health import LABELS, SHORT_LABELS, Finding, findings
 from lndrl.view.palette import (
     BAD,
+    BLUE,
     GOOD,
     GREEN,
     ORANGE,
@@ -42,9 +49,8 @@ from lndrl.view.text import (
 )
 from lndrl.view.verdict import STALE_AFTER, headline
 
-LEARNER_PARTS = ("update", "ingest", "publish", "checkpoint", "wait")
-ACTOR_PARTS = ("simulate", "infer", "upload", "fetch")
-PART_COLOURS = (GREEN, SKY, ORANGE, PINK, QUIET)
+PART_COLOURS = (GREEN, SKY, ORANGE, PINK, QUIET, BLUE)
+"""Of an actor's and of a learner's activities: work green and sky, waiting quiet, other blue."""
 EVENT_COLOURS = {
     "join": GOOD,
     "resume": GOOD,
@@ -69,8 +75,8 @@ class Panel:
     note: str = ""
 
 
-def header(status: Status, width: int, stale_age: float) -> Panel:
-    """Verdict, progress, rates and where the learner's time goes."""
+def header(status: Status, width: int, stale_age: float, rows: int = 3) -> Panel:
+    """Verdict, progress, rates and, in ``rows``, where the time of learner and actors goes."""
     verdict = headline(status, stale_age)
     word = styled(f"{verdict.mark} {verdict.word.upper()}", f"bold {verdict.colour}")
     sentence = wrap(verdict.sentence, width - word.cell_len - 2, limit=1)[0]
@@ -81,7 +87,11 @@ def header(status: Status, width: int, stale_age: float) -> Panel:
     age = f"updated {duration(stale_age)} ago" if stale_age > STALE_AFTER else ""
     notes = [age or f"up {duration(status.uptime)}"]
     lines += [_progress(status, width, verdict.colour), *_rates(status, width)]
-    lines += _time_split(status, width)
+    lines += _time_split(
+        "learner", status.time_split, LEARNER_ACTIVITIES, width, rows=2 if rows > 2 else 1
+    )
+    if rows > 1:
+        lines += _time_split("actors", status.actor_split, ACTOR_ACTIVITIES, width, rows=1)
     name = printable(status.run_name or status.run_id) or "a run"
     return Panel(f"lndrl · {name}", [fit(line, width) for line in lines], " · ".join(notes))
 
@@ -114,16 +124,25 @@ def _rates(status: Status, width: int) -> list[Text]:
     if status.checkpoint is not None:
         facts.append(f"checkpoint {duration(status.checkpoint.age)} ago")
     facts.append(f"queue {status.queue.chunks} ({number(status.queue.megabytes, 2)} MB)")
+    if status.overhead_learner is not None and status.overhead_actor is not None:
+        learner, actors = percent(status.overhead_learner, 0), percent(status.overhead_actor, 0)
+        facts.append(f"overhead {learner} (actors {actors})")
     while len(facts) > 1 and len(" · ".join(facts)) > width:
         facts.pop()
     return [beside(speeds, eta, width), styled(" · ".join(facts), "dim")]
 
 
-def _time_split(status: Status, width: int) -> list[Text]:
-    shares = named_shares(status.time_split, LEARNER_PARTS)
+def _time_split(
+    who: str, split: Mapping[str, float], order: Sequence[str], width: int, rows: int = 2
+) -> list[Text]:
+    """A bar and what its parts are: in one line, or in two where that is too long.
+
+    Where there is only one row, the smallest parts go unnamed.
+    """
+    shares = named_shares(split, order)
     if not shares:
         return []
-    label = "learner "
+    label = f"{who:<8}"
     legends = []
     for i, (name, share) in enumerate(shares):
         mark, colour = BLOCKS[i % len(BLOCKS)], PART_COLOURS[i % len(PART_COLOURS)]
@@ -131,9 +150,13 @@ def _time_split(status: Status, width: int) -> list[Text]:
         words = f"{printable(name)} {100 * share:.0f} %"
         legends.append((share, legend.append(words, style="default")))
     colours = [(s, PART_COLOURS[i % len(PART_COLOURS)]) for i, (_, s) in enumerate(shares)]
-    together = sum(legend.cell_len + 2 for _, legend in legends)
-    room = width - len(label) - together
-    if room >= 12:
+
+    def room_of_bar() -> int:
+        return width - len(label) - sum(legend.cell_len + 2 for _, legend in legends)
+
+    while rows == 1 and len(legends) > 1 and room_of_bar() < 12:
+        legends.remove(min(legends, key=lambda pair: pair[0]))
+    if (room := room_of_bar()) >= 12:
         bar = Text(label).append_text(stacked_bar(colours, room)).append("  ")
         return [bar.append_text(Text("  ").join(legend for _, legend in legends))]
     while len(legends) > 1 and sum(x.cell_len + 2 for _, x in legends) > width - len(label) + 2:
@@ -303,9 +326,11 @@ def _actor_heading(columns: Sequence[_Column], split: int) -> Text:
     line = styled("  ".join(words), "dim")
     if split:
         line.append("  ")
-        for i, name in enumerate(ACTOR_PARTS):
-            line.append(f"{BLOCKS[i]}", style=PART_COLOURS[i])
-            line.append(f"{name if split >= 36 else name[:3]} ", style="dim")
+        names = [name if split >= 46 else name[:3] for name in ACTOR_ACTIVITIES]
+        for i, name in enumerate(names):
+            if sum(len(word) + 2 for word in names[: i + 1]) <= split:
+                line.append(f"{BLOCKS[i]}", style=PART_COLOURS[i])
+                line.append(f"{name} ", style="dim")
     return line
 
 
@@ -321,7 +346,7 @@ def _actor_row(actor: ActorStatus, columns: Sequence[_Column], split: int) -> Te
         style = colour if column.title in ("actor", "state", "last ack") else "default"
         cell.stylize(style)
         line.append("  " if i else "").append_text(cell)
-    shares = named_shares(actor.time_split, ACTOR_PARTS)
+    shares = named_shares(actor.time_split, ACTOR_ACTIVITIES)
     if split and shares:
         parts = [(s, PART_COLOURS[i % len(PART_COLOURS)]) for i, (_, s) in enumerate(shares)]
         line.append("  ").append_text(stacked_bar(parts, split))

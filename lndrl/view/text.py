@@ -9,7 +9,7 @@ from rich.cells import cell_len
 from rich.text import Text
 
 SPARKS = "▁▂▃▄▅▆▇█"
-BLOCKS = "█▓▒░▞"
+BLOCKS = "█▓▒░▞▚"
 """Fillings of a stacked bar: distinct without colour too."""
 MISSING = "–"
 

@@ -16,6 +16,7 @@ COLOURS = {
     "waiting for actors": WARNING,
     "learner-bound": WARNING,
     "actor-bound": WARNING,
+    "balanced": GOOD,
     "stale": BAD,
     "done": GOOD,
 }
@@ -63,18 +64,21 @@ def _reason(word: str, status: Status) -> str:
     active = sum(actor.state != "gone" for actor in status.actors)
     actors = f"{active} actor{'' if active == 1 else 's'}"
     rate = f"{number(status.rate.seconds_60 or status.rate.seconds_10)} steps/s"
-    wait = status.time_split.get("wait")
+    wait, rest = status.time_split.get("wait"), status.actor_split.get("wait")
     if word == "learning":
         busy = "" if wait is None else f"; the learner is busy {percent(1 - wait, 0)} of the time"
         return f"{actors} deliver{'s' if active == 1 else ''} {rate}{busy}"
+    if word == "balanced" and wait is not None and rest is not None:
+        return f"{rate}; learner busy {percent(1 - wait, 0)}, actors {percent(1 - rest, 0)}"
     if word == "waiting for actors":
         if active:
             return f"{actors} joined, but no steps arrive yet"
         return "nobody sends steps; start actors with: lndrl actor --connect ENDPOINT"
     if word == "learner-bound":
         waiting = f", {status.queue.chunks} chunks wait" if status.queue.chunks else ""
-        busy = "" if wait is None else f"busy {percent(1 - wait, 0)} of the time"
-        return f"the learner is {busy or 'always busy'}{waiting}: no more actors needed"
+        busy = "always busy" if wait is None else f"busy {percent(1 - wait, 0)} of the time"
+        idle = "" if rest is None else f", actors idle {percent(rest, 0)}"
+        return f"the learner is {busy}{idle}{waiting}: no more actors needed"
     if word == "actor-bound":
         idle = "" if wait is None else f"waits {percent(wait, 0)} of the time; "
         return f"the learner {idle or 'waits; '}more actors would speed up training"

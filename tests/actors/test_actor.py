@@ -13,6 +13,7 @@ from lndrl.errors import UserError
 from lndrl.navigation import EpisodeRecord, Observation, Trajectory
 from lndrl.policy import PolicyRunner
 from lndrl.transport import MemoryNetwork
+from lndrl.transport.status import ACTOR_ACTIVITIES
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def test_uploads_are_numbered_and_complete(joined):
     for header, arrays in zip(learner.headers, learner.arrays, strict=True):
         assert (header.run_id, header.actor_id, header.incarnation) == ("run-1", "a", "i")
         assert (header.steps, header.worlds) == (8, 2)
-        assert set(header.timing) == {"simulate", "infer", "upload", "fetch", "wait"}
+        assert set(header.timing) == set(ACTOR_ACTIVITIES)
         assert min(header.timing.values()) >= 0
         trajectory = Trajectory.from_arrays(arrays, learner.config)
         ended = int(trajectory.terminated.sum() + trajectory.truncated.sum())
@@ -271,3 +272,44 @@ def test_worlds_override_the_configuration(joined):
     actor.endpoint.flush(5.0)
     assert learner.headers[0].worlds == 1
     assert learner.arrays[0]["action"].shape == (8, 1)
+
+
+def test_timing_accounts_for_all_wall_time(joined):
+    """Whatever an actor does between two headers, the second one has told it all."""
+    learner, actor = joined("async")
+    assert actor.run_chunk()
+    begun = time.perf_counter()
+    learner.publish(1)
+    time.sleep(0.1)  # nothing to do: the service would wait here
+    for _ in range(3):
+        assert actor.run_chunk()
+    wall = time.perf_counter() - begun
+    actor.endpoint.flush(5.0)
+    told = [header.timing for header in learner.headers[1:]]
+    assert sum(sum(timing.values()) for timing in told) == pytest.approx(wall, rel=0.1)
+    assert sum(timing["wait"] for timing in told) == pytest.approx(0.1, rel=0.5)
+    assert told[0]["fetch"] > 0 and told[0]["infer"] > 0 and told[0]["simulate"] > 0
+
+
+def test_joining_is_no_part_of_a_chunk(joined):
+    """Compiling and building worlds takes seconds that say nothing about the balance."""
+    learner, actor = joined("async")
+    begun = time.perf_counter()
+    actor.join()
+    joining = time.perf_counter() - begun
+    begun = time.perf_counter()
+    actor.run_chunk()
+    wall = time.perf_counter() - begun
+    actor.endpoint.flush(5.0)
+    assert sum(learner.headers[0].timing.values()) <= wall + 1e-3 * joining
+
+
+@pytest.mark.parametrize(("siblings", "worlds"), [(1, 4), (4, 2), (16, 1)])
+def test_auto_worlds_depend_on_the_fleet(small_config, noting_learner, network, siblings, worlds):
+    changes = {"ppo": {"batch_size": 64, "minibatch_size": 32}, "learner": {"max_lag": 2}}
+    learner = noting_learner(small_config(actor={"worlds": "auto"}, **changes), network.learner())
+    learner.publish(0)
+    actor = Actor(network.actor(), siblings=siblings)
+    actor.run_chunk()
+    actor.endpoint.flush(5.0)
+    assert learner.headers[0].worlds == worlds

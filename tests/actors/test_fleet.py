@@ -77,6 +77,53 @@ def test_killed_worker_is_replaced_until_the_run_is_done(learner):
     assert fleet.pids() == []
 
 
+def test_fleet_grows_and_shrinks_while_it_runs(learner):
+    """An actor that comes delivers; one that is taken away leaves no process and no gap."""
+    lines: list[str] = []
+    fleet = Fleet(learner.config.transport.endpoint, 1, log=lines.append)
+    fleet.start()
+    try:
+        assert not fleet.settled() and fleet.shrink() is None
+        wait_for(lambda: fleet.poll() is not None or fleet.settled(), "the first actor")
+        (first,) = fleet.pids()
+        added = fleet.grow()
+        assert len(fleet) == 2 and not fleet.settled()
+        wait_for(
+            lambda: fleet.poll() is not None or added in {h.actor_id for h in learner.headers},
+            "a chunk of the second actor",
+        )
+        assert fleet.settled()
+        second = fleet.pids()[-1]
+        assert fleet.shrink() == added
+        assert len(fleet) == 1 and not fleet.settled()
+        # Its place is not given away before it is free.
+        other = fleet.grow()
+        assert other != added and fleet.shrink() == other
+        wait_for(lambda: fleet.poll() is not None or fleet.settled(), "the second actor's end")
+        assert gone(second) and fleet.pids() == [first]
+        delivered = len(learner.headers)
+        wait_for(lambda: len(learner.headers) > delivered + 2, "chunks of the one that is left")
+        assert {h.pid for h in learner.headers[delivered + 1 :]} == {first}
+        assert fleet.restarts == 0 and not any("another starts" in line for line in lines)
+        assert fleet.grow() == added, "the place is free again"
+    finally:
+        fleet.stop()
+    assert gone(first) and fleet.pids() == []
+
+
+def test_stopping_includes_those_on_their_way_out(learner):
+    fleet = Fleet(learner.config.transport.endpoint, 2, log=lambda line: None)
+    fleet.start()
+    try:
+        wait_for(lambda: fleet.poll() is not None or len(fleet.pids()) == 2, "two workers")
+        pids = fleet.pids()
+        fleet.shrink()
+        assert sorted(fleet.pids()) == sorted(pids)
+    finally:
+        fleet.stop()
+    assert all(gone(pid) for pid in pids)
+
+
 def test_refused_fleet_says_so_once(learner, capfd):
     learner.refusal = "this learner wants another version"
     assert run_fleet(learner.config.transport.endpoint, 2) == 2

@@ -7,8 +7,9 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from actors.rollout import WORLDS_PER_ACTOR, Rollout
-from lndrl.navigation import Observation, Trajectory, VectorNavigation
+from actors.laps import Laps
+from actors.rollout import WORLDS_PER_ACTOR, Rollout, following
+from lndrl.navigation import Observation, StepResult, Trajectory, VectorNavigation
 from lndrl.policy import initial_weights
 from lndrl.randomness import Stream
 
@@ -128,9 +129,31 @@ def test_stopped_in_mid_chunk(small_config):
 
 
 def test_times_are_parts_of_the_wall_time(small_config):
-    rollout, _ = collected(small_config())
+    laps = Laps()
+    rollout, _ = collected(small_config(), laps=laps)
+    laps.restart()
     begun = perf_counter()
-    seconds = rollout.collect(1).seconds
-    assert set(seconds) == {"simulate", "infer"}
-    assert min(seconds.values()) > 0
-    assert sum(seconds.values()) <= perf_counter() - begun
+    rollout.collect(1)
+    seconds = laps.take()
+    wall = perf_counter() - begun
+    assert min(seconds[name] for name in ("simulate", "infer", "other")) > 0
+    assert sum(seconds.values()) == pytest.approx(wall, rel=0.05)
+    assert seconds["upload"] == seconds["fetch"] == seconds["wait"] == 0
+    assert not any(value for name, value in laps.take().items() if name != "other")
+
+
+def test_what_follows_a_step_is_taken_before_the_restart():
+    """Of the worlds asked for: cut ones from before their restart, others from the present."""
+    rng = np.random.default_rng(0)
+    current, final = Observation.zeros(5), Observation.zeros(5)
+    for rows in (current, final):
+        rows.scan[:] = rng.integers(0, 65536, rows.scan.shape)
+        rows.goal[:] = rng.normal(size=rows.goal.shape)
+    before = current.copy()
+    truncated = np.array([False, True, True, False, False])
+    needed = np.array([True, False, True, False, True])
+    result = StepResult(np.zeros(5, np.float32), ~truncated, truncated, final, [])
+    rows = following(current, result, needed)
+    for i, (source, row) in enumerate([(current, 0), (final, 2), (current, 4)]):
+        assert_same(rows.take(i), source.take(row))
+    assert_same(current, before)

@@ -183,3 +183,47 @@ def test_liveliness_is_noted_once(alive: bool) -> None:
     roster.join("a", "x", "h", 1, 2)
     assert roster.gone("a", "x", alive) is (not alive)
     assert not roster.gone("a", "other life", not alive)
+
+
+def test_times_of_actors_are_summed_up() -> None:
+    """Shares per actor and together, known activities only, and no time below zero."""
+    ingest = make_ingest()
+    send(ingest, actor="a", sequence=1, timing={"simulate": 3.0, "wait": 1.0})
+    send(ingest, actor="b", sequence=1, timing={"infer": 4.0, "dreams": 9.0, "wait": -7.0})
+    roster = ingest.roster
+    assert roster.totals() == {"simulate": 3.0, "infer": 4.0, "wait": 1.0}
+    assert roster.shares() == {"simulate": 3 / 8, "infer": 4 / 8, "wait": 1 / 8}
+    assert roster.steps() == 32
+    a, b = (row["time_split"] for row in roster.rows(0))
+    assert a == {"simulate": 0.75, "wait": 0.25} and b == {"infer": 1.0, "wait": 0.0}
+    roster.gone("a", "x", False)
+    assert roster.shares() == {"infer": 1.0, "wait": 0.0}, "of those who live"
+    assert roster.totals()["simulate"] == 3.0
+
+
+def test_shares_are_of_the_newest_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    ingest = make_ingest(ppo={"batch_size": 1024, "minibatch_size": 16})
+    now = 100.0
+    monkeypatch.setattr("learner.roster.time.monotonic", lambda: now)
+    for sequence, name in enumerate(("simulate", "infer", "wait"), 1):
+        now += 20.0
+        send(ingest, sequence=sequence, timing={name: 20.0})
+    assert ingest.roster.shares(30.0) == {"infer": 0.5, "wait": 0.5}
+    assert ingest.roster.shares() == {"simulate": 1 / 3, "infer": 1 / 3, "wait": 1 / 3}
+    now += 1000.0
+    assert ingest.roster.shares(30.0) == {"wait": 1.0}, "the last word of a silent actor"
+
+
+def test_actors_taken_away_leave_the_rows() -> None:
+    ingest = make_ingest(ppo={"batch_size": 1024, "minibatch_size": 16})
+    for actor in ("a", "b"):
+        send(ingest, actor=actor)
+    ingest.roster.retire("b")
+    assert [row["state"] for row in ingest.roster.rows(0)] == ["active", "active"]
+    assert send(ingest, actor="b", sequence=2).status == "accepted", "it was on its way"
+    for actor in ("a", "b"):
+        ingest.on_member(actor, "x", False)
+    assert [(row["id"], row["state"]) for row in ingest.roster.rows(0)] == [("a", "gone")]
+    ingest.on_hello(hello(actor_id="b", incarnation="y"))
+    ingest.on_member("b", "y", False)
+    assert [row["state"] for row in ingest.roster.rows(0)] == ["gone", "gone"]

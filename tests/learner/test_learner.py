@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from learner.status import snapshot
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
-from lndrl.transport.status import parse_history, parse_status
+from lndrl.transport.status import LEARNER_ACTIVITIES, overhead, parse_history, parse_status
 from lndrl.version import VERSION
 from lndrl.view.metrics import read_metrics
 
@@ -77,6 +78,23 @@ def test_an_update_publishes_the_next_version_and_records(start) -> None:
     assert (row["update"], row["steps"], row["version"]) == (1, 32, 1)
     assert set(row["ppo"]) >= {"policy_loss", "value_loss", "entropy", "kl", "clip_fraction"}
     assert run.learner.counters.steps == 32
+    spent = row["time"]["spent"]
+    assert set(spent["learner"]) == set(LEARNER_ACTIVITIES)
+    assert min(spent["learner"][name] for name in ("wait", "ingest", "update", "publish")) > 0
+    assert spent["actors"] == {"infer": 2.0} and spent["actor_steps"] == 32
+    assert row["time"]["actor_share_infer"] == 1.0 and row["time"]["overhead_actor"] == 0.0
+    assert row["time"]["overhead_learner"] == pytest.approx(overhead(spent["learner"]), abs=0.05)
+
+
+def test_the_learners_time_is_all_accounted_for(start) -> None:
+    run = start()
+    begun = time.monotonic()
+    run.update()
+    run.learner.checkpoint()
+    run.update()
+    spent, wall = run.learner.split.totals(), time.monotonic() - begun
+    assert spent["other"] > 0, "what lies between the named activities"
+    assert sum(spent.values()) == pytest.approx(wall, rel=0.1)
 
 
 def test_lag_is_measured_in_versions(start) -> None:
@@ -95,7 +113,11 @@ def test_the_snapshot_fits_its_schema(start) -> None:
     status = parse_status(snapshot(run.learner))
     assert (status.steps, status.updates, status.weights_version) == (32, 1, 1)
     assert status.actors[0].id == "a"
-    assert status.actors[0].time_split == {"infer": 1.0}
+    assert status.actors[0].time_split == status.actor_split == {"infer": 1.0}
+    assert status.overhead_actor == 0.0 and 0.0 < status.overhead_learner < 1.0
+    assert status.verdict == "learning", "too early to say more"
+    run.learner.history[0]["time"] -= 100.0
+    assert parse_status(snapshot(run.learner)).verdict == "balanced"
     assert len(parse_history(run.learner.history)) == 1
     json.dumps(snapshot(run.learner))
 

@@ -189,6 +189,34 @@ def test_paper_yaml_has_the_published_numbers() -> None:
     assert config.scenario.name == "hybrid"
 
 
+def test_auto_actors_are_two_where_runs_must_repeat() -> None:
+    config = load_config(REPOSITORY_CONFIGS / "lndrl.yaml")
+    assert (config.actor.count, config.actor.worlds) == ("auto", "auto")
+    assert config.fixed_actors == 2
+    assert config.fixed_actors * config.worlds_per_actor() * config.actor.horizon == 2048
+    fixed = load_config(
+        REPOSITORY_CONFIGS / "lndrl.yaml", ["actor.count=5", "actor.worlds=3", "ppo.batch_size=64"]
+    )
+    assert (fixed.fixed_actors, fixed.worlds_per_actor(), fixed.worlds_per_actor(99)) == (5, 3, 3)
+
+
+@pytest.mark.parametrize("actors", [1, 2, 5, 14, 64, 1000])
+@pytest.mark.parametrize("batch", [64, 1024, 2048, 65536])
+def test_auto_worlds_keep_chunks_small_and_fresh(actors: int, batch: int) -> None:
+    overrides = [f"ppo.batch_size={batch}", "learner.max_lag=6", "actor.horizon=16"]
+    config = load_config(REPOSITORY_CONFIGS / "lndrl.yaml", overrides)
+    worlds = config.worlds_per_actor(actors)
+    assert 1 <= worlds <= 32
+    if worlds > 1:
+        assert worlds * 16 <= batch / 2
+        assert actors * worlds * 16 <= 3 * batch
+    if worlds < 32:
+        more = (worlds + 1) * 16
+        assert more > batch / 2 or actors * more > 3 * batch, "no fewer than need be"
+    lockstep = load_config(REPOSITORY_CONFIGS / "lndrl.yaml", [*overrides, "learner.mode=lockstep"])
+    assert lockstep.worlds_per_actor(actors) == config.worlds_per_actor(2)
+
+
 def test_both_configurations_share_world_and_task() -> None:
     """The two differ in how they learn, never in what is learned."""
     ours = load_config(REPOSITORY_CONFIGS / "lndrl.yaml")

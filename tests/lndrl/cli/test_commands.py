@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
+from actors.balance import usable_cores
 from lndrl.cli.main import run
 from lndrl.cli.signals import stop_on_signals
 from lndrl.config import load_config
@@ -100,7 +101,13 @@ def test_train_names_a_run_by_file_and_time(services: Services) -> None:
     assert folder.parent == Path("runs")
     assert folder.name.startswith("run-2")
     assert config == load_config("run.yaml")
+    assert config.actor.count == "auto"
     assert drawn is True
+
+
+def test_train_with_actors_auto_overrules_a_number(services: Services) -> None:
+    assert run("train run.yaml --set actor.count=7 --actors auto --run first".split()) == 0
+    assert services.calls[0][1][0].actor.count == "auto"
 
 
 def test_train_serial(services: Services) -> None:
@@ -135,9 +142,11 @@ def test_actor(services: Services) -> None:
     line = "actor --connect tcp/learner.example:7447 --count 2 --worlds 4 --device cuda:0"
     assert run(line.split()) == 1
     assert run(["actor", "--connect", "tcp/[::1]:7447"]) == 1
+    assert run(["actor", "--connect", "tcp/[::1]:7447", "--count", "auto"]) == 1
     assert [call[1] for call in services.calls] == [
         ("tcp/learner.example:7447", 2, 4, "cuda:0"),
         ("tcp/[::1]:7447", 1, None, "cpu"),
+        ("tcp/[::1]:7447", usable_cores(), None, "cpu"),
     ]
 
 
@@ -176,6 +185,10 @@ def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsy
         ("train nowhere.yaml", "nowhere.yaml: no such file"),
         ("train run.yaml --set ppo.epoch=3", "unknown key ppo.epoch; did you mean epochs?"),
         ("train run.yaml --set ppo.epochs=-3", "ppo.epochs = -3"),
+        ("train run.yaml --actors 0", "'0' is neither auto nor a whole number, at least 1"),
+        ("actor --connect tcp/h:80 --count many", "'many' is neither auto nor a whole number"),
+        ("train run.yaml --set actor.worlds=0", "actor.worlds: 0 must be auto or a whole number"),
+        ("train run.yaml --set actor.count=1.5", "actor.count: 1.5 must be auto or a whole"),
         ("train run.yaml --run ../away", "--run ../away: must be one folder name"),
         ("train run.yaml --run a/b", "--run a/b: must be one folder name"),
         ("train run.yaml --resume", "--resume needs --run NAME; runs that exist: known"),

@@ -6,7 +6,18 @@ from typing import Any
 import pytest
 
 from lndrl.errors import UserError
-from lndrl.transport.status import parse_history, parse_reply, parse_status
+from lndrl.transport.status import (
+    ACTOR_ACTIVITIES,
+    LEARNER_ACTIVITIES,
+    VERDICTS,
+    WORK,
+    balance_word,
+    overhead,
+    parse_history,
+    parse_reply,
+    parse_status,
+    shares_of,
+)
 
 LEAST: dict[str, Any] = {"time": 1.0, "steps": 5, "total_steps": 10}
 
@@ -65,3 +76,33 @@ def test_history_names_the_row() -> None:
 def test_foreign_answers_are_refused(answer: Any) -> None:
     with pytest.raises(UserError, match="no snapshot"):
         parse_reply(answer)
+
+
+def test_overhead_is_busy_time_without_work() -> None:
+    assert overhead({"simulate": 4.0, "infer": 5.0, "upload": 1.0, "wait": 90.0}) == pytest.approx(
+        0.1
+    )
+    assert overhead({"update": 3.0, "publish": 0.5, "other": 0.5}) == pytest.approx(0.25)
+    assert overhead({"update": 3.0, "wait": 1.0}) == 0.0
+    assert overhead({"wait": 3.0}) is overhead({}) is None
+    for activities in (ACTOR_ACTIVITIES, LEARNER_ACTIVITIES):
+        assert WORK & set(activities) and {"wait", "other"} <= set(activities)
+
+
+def test_shares_sum_to_one() -> None:
+    assert shares_of({"simulate": 1.0, "wait": 3.0}) == {"simulate": 0.25, "wait": 0.75}
+    assert shares_of({}) == shares_of({"wait": 0.0}) == {}
+
+
+@pytest.mark.parametrize(
+    ("waits", "idle", "word"),
+    [
+        (0.3, 0.0, "actor-bound"),
+        (0.3, 0.9, "actor-bound"),
+        (0.02, 0.8, "learner-bound"),
+        (0.02, 0.3, "balanced"),
+    ],
+)
+def test_balance_in_a_word(waits: float, idle: float, word: str) -> None:
+    assert balance_word(waits, idle) == word
+    assert word in VERDICTS

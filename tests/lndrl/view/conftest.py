@@ -11,6 +11,15 @@ import pytest
 
 from lndrl.navigation.snapshot import WorldSnapshot
 
+_ACTOR_SPLIT = {
+    "simulate": 0.5,
+    "infer": 0.2,
+    "upload": 0.05,
+    "fetch": 0.04,
+    "wait": 0.18,
+    "other": 0.03,
+}
+
 
 def _actor(i: int) -> dict[str, Any]:
     return {
@@ -24,7 +33,7 @@ def _actor(i: int) -> dict[str, Any]:
         "steps": 1000 * i,
         "rate": 10.5,
         "restarts": 0,
-        "time_split": {"simulate": 0.7, "infer": 0.2, "upload": 0.06, "fetch": 0.04},
+        "time_split": _ACTOR_SPLIT,
     }
 
 
@@ -61,10 +70,14 @@ def _answer(fleet: int = 9, log: int = 20, rows: int = 120, **changes: Any) -> d
         "time_split": {
             "wait": 0.3,
             "ingest": 0.05,
-            "update": 0.62,
+            "update": 0.59,
             "publish": 0.02,
             "checkpoint": 0.01,
+            "other": 0.03,
         },
+        "actor_split": _ACTOR_SPLIT,
+        "overhead_learner": 0.16,
+        "overhead_actor": 0.15,
         "actors": [_actor(i) for i in range(fleet)],
         "episodes": {
             "count": 5321,

@@ -76,7 +76,9 @@ def test_worst_actor_stands_first(answer: Answer) -> None:
     [
         ({"verdict": "waiting for actors", "actors": []}, 0.0, ["WAITING FOR ACTORS", "start"]),
         ({"verdict": "learner-bound"}, 0.0, ["LEARNER-BOUND", "busy 70 %", "2 chunks wait"]),
+        ({"verdict": "learner-bound"}, 0.0, ["actors idle 18 %", "no more actors"]),
         ({"verdict": "actor-bound"}, 0.0, ["ACTOR-BOUND", "waits 30 %"]),
+        ({"verdict": "balanced"}, 0.0, ["BALANCED", "learner busy 70 %, actors 82 %"]),
         ({"verdict": "done", "state": "done"}, 999.0, ["DONE", "123,456 steps trained"]),
         ({}, 14.0, ["STALE", "last heard 14 s ago, then learning"]),
         ({"verdict": "", "state": "waiting"}, 0.0, ["WAITING FOR ACTORS"]),
@@ -87,6 +89,21 @@ def test_verdicts(answer: Answer, change: dict[str, Any], age: float, expected: 
     words = "\n".join(drawn(answer(**change), 120, 40, age))
     for part in expected:
         assert part in words
+
+
+def test_both_sides_of_the_balance_are_drawn(answer: Answer) -> None:
+    wide = drawn(answer(), 160, 40)
+    learner = next(line for line in wide if "learner █" in line)
+    actors = next(line for line in wide if "actors  █" in line)
+    for part in ("update 59 %", "ingest 5 %", "wait 30 %", "other 3 %"):
+        assert part in learner
+    for part in ("simulate 50 %", "infer 20 %", "upload 5 %", "wait 18 %", "other 3 %"):
+        assert part in actors
+    assert any("overhead 16 % (actors 15 %)" in line for line in wide)
+    narrow = drawn(answer(), 60, 40)
+    assert any("actors  █" in line and "simulate 50 %" in line for line in narrow)
+    older = drawn(answer(actor_split={}, overhead_actor=None), 160, 40)
+    assert not any("actors  █" in line or "overhead" in line for line in older)
 
 
 def test_unhealthy_numbers_are_marked_and_explained(answer: Answer) -> None:
