@@ -13,6 +13,7 @@ import socket
 import threading
 from collections.abc import Callable
 
+from actors.fetcher import FETCH_TIMEOUT, Fetcher
 from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
 from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
@@ -29,7 +30,6 @@ from lndrl.version import VERSION
 
 HELLO_TIMEOUT = 10.0
 PATIENT_TIMEOUT = 1.0  # s per attempt, between which a stop is noticed
-FETCH_TIMEOUT = 10.0
 WEIGHTS_WAIT = 0.2  # s of one wait, between which a stop is noticed
 WINDOW_WAIT = 0.02
 
@@ -44,7 +44,8 @@ class Actor:
     by default both are made up. A repeatable run passes both. ``worlds`` overrides
     ``config.actor.worlds``; where that is auto, ``siblings`` is how many actors there are (see
     ``RunConfig.worlds_per_actor``). ``patient`` waits for a learner that does not answer instead of
-    failing. ``on_event(event, text)`` hears of joined, refused, stale and the like.
+    failing; ``ahead`` fetches weights in a thread while worlds go on with those at hand.
+    ``on_event(event, text)`` hears of joined, refused, stale and the like.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Actor:
         siblings: int = FIXED_ACTORS,
         device: str = "cpu",
         patient: bool = False,
+        ahead: bool = False,
         on_event: Callable[[str, str], None] = lambda event, text: None,
     ) -> None:
         self.endpoint = endpoint
@@ -65,6 +67,7 @@ class Actor:
         self.rollout: Rollout | None = None
         self.chunks = 0  # collected in this incarnation
         self.laps = Laps()
+        self._fetcher = Fetcher(endpoint) if ahead else None
         self._worlds, self._siblings, self._device = worlds, siblings, device
         self._patient = patient
         self._on_event = on_event
@@ -211,6 +214,9 @@ class Actor:
         wanted = self._required_version() if lockstep else newest
         if rollout.version == wanted and self._weights_from == learner:
             return True
+        if self._fetcher is not None and not lockstep and self._weights_from == learner:
+            self._take_fetched(rollout, learner)
+            return True
         self.laps.lap("other")
         try:
             version, blob = self.endpoint.fetch(wanted if lockstep else None, FETCH_TIMEOUT)
@@ -227,6 +233,24 @@ class Actor:
         self._weights_from = learner
         return True
 
+    def _take_fetched(self, rollout: Rollout, learner: str) -> None:
+        """Load newer weights of the same learner if they are here, else see that they come."""
+        assert self._fetcher is not None
+        self.laps.lap("other")
+        fetched = self._fetcher.take(learner)
+        if fetched is None:
+            self._fetcher.begin(learner)
+        else:
+            rollout.load(*fetched)
+        self.laps.lap("fetch")
+
+    def _fetch_ahead(self) -> None:
+        """Use a wait to get weights that have been announced meanwhile."""
+        newest, learner = self.endpoint.newest()
+        held = self.rollout.version if self.rollout else NO_WEIGHTS
+        if self._fetcher is not None and self._weights_from == learner and newest > held:
+            self._fetcher.begin(learner)
+
     def _window_open(self) -> bool:
         """Whether an upload would not block. Collecting later then means fresher weights."""
         window = self.config.transport.upload_window
@@ -241,6 +265,7 @@ class Actor:
         if self.ready():
             return
         if self.rollout is not None and not self._window_open():
+            self._fetch_ahead()
             stop.wait(WINDOW_WAIT)
         else:
             self.endpoint.wait_newer(newest, WEIGHTS_WAIT)

@@ -1,0 +1,100 @@
+"""Weights that come while the worlds go on."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from actors.actor import Actor
+from actors.fetcher import Fetcher
+from lndrl.transport import MemoryNetwork, MessageError
+
+
+class SlowEndpoint:
+    """Answers a fetch when told to."""
+
+    def __init__(self) -> None:
+        self.open = threading.Event()
+        self.answer: tuple[int, bytes] | Exception = (3, b"weights")
+        self.fetches = 0
+
+    def fetch(self, version, timeout):
+        self.fetches += 1
+        assert self.open.wait(5.0)
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+def wait_for(fetcher: Fetcher, learner: str):
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        taken = fetcher.take(learner)
+        if taken is not None:
+            return taken
+        time.sleep(0.01)
+    return None
+
+
+def ended(fetcher: Fetcher) -> None:
+    assert fetcher._thread is not None
+    fetcher._thread.join(5.0)
+
+
+def test_one_fetch_at_a_time_that_nobody_waits_for():
+    endpoint = SlowEndpoint()
+    fetcher = Fetcher(endpoint)
+    assert fetcher.take("a") is None
+    fetcher.begin("a")
+    fetcher.begin("a")
+    assert fetcher.take("a") is None
+    endpoint.open.set()
+    assert wait_for(fetcher, "a") == (3, b"weights")
+    assert endpoint.fetches == 1
+    assert fetcher.take("a") is None
+    fetcher.begin("a")
+    assert wait_for(fetcher, "a") == (3, b"weights")
+
+
+def test_weights_of_a_learner_that_is_gone_are_dropped():
+    endpoint = SlowEndpoint()
+    endpoint.open.set()
+    fetcher = Fetcher(endpoint)
+    fetcher.begin("old")
+    ended(fetcher)
+    assert fetcher.take("new") is None
+    fetcher.begin("new")
+    assert wait_for(fetcher, "new") == (3, b"weights")
+
+
+def test_a_timeout_is_nothing_and_damage_is_told():
+    endpoint = SlowEndpoint()
+    endpoint.open.set()
+    fetcher = Fetcher(endpoint)
+    endpoint.answer = TimeoutError("late")
+    fetcher.begin("a")
+    ended(fetcher)
+    assert fetcher.take("a") is None
+    endpoint.answer = MessageError("damaged")
+    fetcher.begin("a")
+    ended(fetcher)
+    with pytest.raises(MessageError, match="damaged"):
+        fetcher.take("a")
+
+
+def test_an_actor_goes_on_with_its_weights_until_newer_ones_are_here(small_config, noting_learner):
+    network = MemoryNetwork()
+    learner = noting_learner(small_config(), network.learner())
+    learner.publish(0)
+    actor = Actor(network.actor(), ahead=True)
+    assert actor.run_chunk()
+    learner.publish(1)
+    actor.endpoint.flush(5.0)
+    assert actor.run_chunk(), "asks for version 1 and does not wait for it"
+    ended(actor._fetcher)
+    actor.endpoint.flush(5.0)
+    assert actor.run_chunk()
+    actor.endpoint.flush(5.0)
+    assert learner.versions() == [0, 0, 1]
