@@ -65,7 +65,7 @@ class Rollout:
         self.environment = VectorNavigation(
             config, actor_index * WORLDS_PER_ACTOR, self.worlds, first_episode, surroundings
         )
-        self.runner = PolicyRunner(config, device=device)
+        self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         # Compile every kernel now, on a world that nobody records.
         scratch = VectorNavigation(config, 0, 1, surroundings=surroundings)
         self.runner.act(scratch.observation, np.random.default_rng(0))

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import torch
 from torch import Tensor
 
-Record = Callable[[Callable[[], None]], Callable[[], None]]
-"""Records work without doing it; the result does the work on the same memory."""
+from lndrl.policy import EAGER_RUNS, Record
 
-_EAGER_RUNS = 3  # before a graph is recorded: libraries choose their algorithms, Adam its memory
 _MOST_GRAPHS = 4  # each keeps its activations; rarer minibatch sizes run eagerly
 
 
@@ -36,7 +33,7 @@ class GraphedStep:
         count = len(rows)
         if count not in self._graphs:
             self._runs[count] = self._runs.get(count, 0) + 1
-            if self._runs[count] <= _EAGER_RUNS or len(self._graphs) >= _MOST_GRAPHS:
+            if self._runs[count] <= EAGER_RUNS or len(self._graphs) >= _MOST_GRAPHS:
                 self._step(rows)
                 return
             kept = rows.clone()
@@ -44,12 +41,3 @@ class GraphedStep:
         kept, replay = self._graphs[count]
         kept.copy_(rows)
         replay()
-
-
-def record_cuda_graph(stream: torch.cuda.Stream, work: Callable[[], None]) -> Callable[[], None]:
-    """Record ``work`` on ``stream`` as a CUDA graph; returns its replay on the current stream."""
-    graph = torch.cuda.CUDAGraph()
-    # Other threads may use the driver meanwhile; only this one is being recorded.
-    with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
-        work()
-    return graph.replay

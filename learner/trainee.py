@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from learner.graphs import GraphedStep, record_cuda_graph
+from learner.graphs import GraphedStep
 from learner.samples import MakeInputs
 from lndrl.config import PPOConfig
-from lndrl.policy import NavigationNetwork
+from lndrl.policy import NavigationNetwork, record_cuda_graph
 
 Loss = Callable[[Tensor, Tensor], tuple[Tensor, tuple[Tensor, ...]]]
 """(outputs float32 (N, outputs), rows (N,)) -> mean loss with a gradient, figures without."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from lndrl.bench.report import median_seconds
+from lndrl.bench.report import device_name, median_seconds
 from lndrl.bench.scene import hybrid_config, observations
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation, draw_pedestrian_map
@@ -16,39 +16,43 @@ from lndrl.policy import Inputs, PolicyRunner, prepare
 BATCH = 64
 """Worlds of an actor where few actors share a machine."""
 OTHER_BATCHES = (8, 32)
+BATCH_GPU, OTHER_BATCHES_GPU = 4096, (64, 512)
 IN_VIEW = (2, 4)  # people
 _VARIETY = 8
 _MET = 4096
 
 
-def measure(seconds: float) -> dict[str, Any]:
+def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     """``samples_per_second`` of ``PolicyRunner.act`` with 2 to 4 people in view, by one thread.
 
     A sample is one observation, drawing of the pedestrian map and sampling of the action
     included. ``by_batch`` has other batch sizes, ``samples_per_second_as_met`` the people that
-    randomly driven worlds show. ``samples_per_second_dense`` evaluates the same networks densely,
-    from which log-probabilities differ by ``max_difference`` at most;
-    ``samples_per_second_bf16`` does its products in bfloat16.
+    randomly driven worlds show. ``samples_per_second_dense`` evaluates the same networks densely
+    on the CPU, from which log-probabilities differ by ``max_difference`` at most;
+    ``samples_per_second_bf16`` does its products in bfloat16. Raises UserError when ``device`` is
+    not there.
     """
     config = hybrid_config()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
+        runner = PolicyRunner(config, device)
+        on_cpu = runner.device.type == "cpu"
+        batch, others = (BATCH, OTHER_BATCHES) if on_cpu else (BATCH_GPU, OTHER_BATCHES_GPU)
         met = observations(config, _MET, 1)[0]
         count = met.pedestrian_count
         crowded = met.take((count >= IN_VIEW[0]) & (count <= IN_VIEW[1]))
-        runner = PolicyRunner(config)
+        coarse = PolicyRunner(config, device, bfloat16=True)
         return {
-            "samples_per_second": _rate(runner, crowded, BATCH, seconds),
-            "batch": BATCH,
+            "samples_per_second": _rate(runner, crowded, batch, seconds),
+            "device": device_name(runner.device),
+            "batch": batch,
             "people_in_view": float(crowded.pedestrian_count.mean()),
-            "by_batch": {str(b): _rate(runner, crowded, b, seconds) for b in OTHER_BATCHES},
-            "samples_per_second_as_met": _rate(runner, met, BATCH, seconds),
-            "samples_per_second_dense": _dense_rate(runner, crowded, seconds),
-            "samples_per_second_bf16": _rate(
-                PolicyRunner(config, bfloat16=True), crowded, BATCH, seconds
-            ),
-            "bf16_instructions": bool(torch.cpu._is_avx512_bf16_supported()),
+            "by_batch": {str(b): _rate(runner, crowded, b, seconds) for b in others},
+            "samples_per_second_as_met": _rate(runner, met, batch, seconds),
+            "samples_per_second_dense": _dense_rate(crowded, seconds),
+            "samples_per_second_bf16": _rate(coarse, crowded, batch, seconds),
+            "bf16_instructions": not on_cpu or bool(torch.cpu._is_avx512_bf16_supported()),
             "max_difference": _difference(runner, crowded),
         }
     finally:
@@ -67,8 +71,9 @@ def _rate(runner: PolicyRunner, met: Observation, batch: int, seconds: float) ->
     return _VARIETY * batch / median_seconds(act_on_all, seconds)
 
 
-def _dense_rate(runner: PolicyRunner, met: Observation, seconds: float) -> float:
+def _dense_rate(met: Observation, seconds: float) -> float:
     pieces = _pieces(met, BATCH)[:2]
+    runner = PolicyRunner(hybrid_config())
 
     def act_on_all() -> None:
         for observation in pieces:
@@ -79,10 +84,11 @@ def _dense_rate(runner: PolicyRunner, met: Observation, seconds: float) -> float
 
 def _difference(runner: PolicyRunner, met: Observation) -> float:
     """Largest difference of log-probabilities to the dense evaluation, in float32."""
-    pieces = _pieces(met, BATCH)
+    reference = PolicyRunner(runner.config)
+    reference.network.load_state_dict(runner.network.state_dict())
     return max(
-        float(np.abs(runner.log_probabilities(piece) - _dense(runner, piece)).max())
-        for piece in pieces
+        float(np.abs(runner.log_probabilities(piece) - _dense(reference, piece)).max())
+        for piece in _pieces(met, BATCH)
     )
 
 

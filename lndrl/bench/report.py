@@ -35,7 +35,7 @@ BENCHMARKS = {
 COMPARED = ("laser", "crowd", "amcl", "world")
 """What other packages do too: ``lndrl.bench.peers.NAME`` has ``measure_peers(seconds)``, which
 returns ``{peer: {key: figure}}`` of the same work in the same run."""
-ON_DEVICES = ("learner",)
+ON_DEVICES = ("policy", "learner", "train")
 """These take a ``device``: ``measure(seconds, device)``."""
 
 REPETITIONS = 5

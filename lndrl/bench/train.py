@@ -26,7 +26,7 @@ _LEAST_UPDATES = 4
 _EPOCHS = 4  # whatever lndrl.yaml finds best, the figure stays comparable
 
 
-def measure(seconds: float) -> dict[str, Any]:
+def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     """``steps_per_second`` and ``learner_busy`` of ``lndrl train configs/lndrl.yaml``, 4 epochs.
 
     Runs ``lndrl train`` as users do, in a folder of its own, until ``12 * seconds`` of timed
@@ -36,17 +36,17 @@ def measure(seconds: float) -> dict[str, Any]:
     on average, ``actor_megabytes`` the largest resident memory of one. Raises UserError when the
     run does not get going.
     """
-    rows, megabytes = _run(seconds)
+    rows, megabytes = _run(seconds, device)
     return _figures(rows) | {"actor_megabytes": megabytes}
 
 
-def measure_profile(seconds: float) -> dict[str, Any]:
+def measure_profile(seconds: float, device: str = "cpu") -> dict[str, Any]:
     """``measure``, and under ``profile`` where the time of both sides goes.
 
     By activity: microseconds of one core per environment step on actors, of the wall per sample on
     the learner. ``simulate_parts`` are those of ``lndrl bench world``, with random actions.
     """
-    rows, megabytes = _run(seconds)
+    rows, megabytes = _run(seconds, device)
     parts = world.microseconds_by_part(seconds)
     return (
         _figures(rows)
@@ -75,10 +75,10 @@ def profile_table(profile: Mapping[str, Mapping[str, float]]) -> Table:
     return table
 
 
-def _run(seconds: float) -> tuple[list[dict[str, Any]], float]:
+def _run(seconds: float, device: str) -> tuple[list[dict[str, Any]], float]:
     """Rows of the timed updates and the one before them; the largest memory of an actor in MB."""
     with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as folder:
-        process = _start(Path(folder))
+        process = _start(Path(folder), device)
         try:
             megabytes = _watch(process, Path(folder) / "runs/bench/metrics.jsonl", 12.0 * seconds)
         finally:
@@ -119,13 +119,13 @@ def _profile(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
     }
 
 
-def _start(folder: Path) -> subprocess.Popen[bytes]:
+def _start(folder: Path, device: str) -> subprocess.Popen[bytes]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "lndrl", "train", str(REPOSITORY_CONFIGS / "lndrl.yaml")]
     command += ["--run", "bench", "--no-dashboard", "--listen", f"tcp/127.0.0.1:{port}"]
-    command += ["--set", f"ppo.epochs={_EPOCHS}"]
+    command += ["--set", f"ppo.epochs={_EPOCHS}", "--device", device]
     with (folder / "log").open("wb") as log:
         return subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
 

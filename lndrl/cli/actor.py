@@ -30,7 +30,7 @@ def actor(
         ),
     ] = None,
     device: Annotated[
-        str, typer.Option("--device", help="Where the policy runs: cpu, cuda or cuda:0.")
+        str, typer.Option("--device", help="Where the policy runs: cpu, cuda, cuda:0 or auto.")
     ] = "cpu",
 ) -> None:
     """Run actors that simulate worlds for a learner; the learner hands them the configuration."""

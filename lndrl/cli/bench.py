@@ -30,7 +30,7 @@ def bench(
     device: Annotated[
         str | None,
         typer.Option(
-            "--device", metavar="DEVICE", help="learner: cpu, cuda, cuda:0 or auto; default cpu"
+            "--device", metavar="DEVICE", help="policy, learner, train: cpu, cuda, cuda:0 or auto"
         ),
     ] = None,
 ) -> None:
@@ -49,7 +49,7 @@ def bench(
     for each in names:
         on_device = device if name != "all" or each in report.ON_DEVICES else None
         if profile:
-            figures[each] = train.measure_profile(seconds)
+            figures[each] = train.measure_profile(seconds, device or "cpu")
         else:
             figures[each] = report.measure(each, seconds, on_device)
         if peers and (name != "all" or each in report.COMPARED):

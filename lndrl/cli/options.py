@@ -58,7 +58,7 @@ Listen = Annotated[
 ]
 
 _SCHEMES = ("tcp", "tls", "quic", "ws", "unixsock-stream")
-_DEVICE = re.compile(r"cpu|mps|cuda(:\d+)?")
+_DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
 
 def check_endpoint(endpoint: str, option: str) -> str:
@@ -92,7 +92,7 @@ def count_or_auto(text: str) -> int | str:
 
 
 def check_device(device: str) -> str:
-    """``device`` if torch could know it (cpu, cuda, cuda:0, mps); raises UserError otherwise."""
+    """``device`` if it reads like one (cpu, cuda, cuda:0, auto); raises UserError otherwise."""
     if not _DEVICE.fullmatch(device):
-        raise UserError(f"--device {device}: not a device; write cpu, cuda or cuda:0")
+        raise UserError(f"--device {device}: not a device; write cpu, cuda, cuda:0 or auto")
     return device

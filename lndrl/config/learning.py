@@ -104,6 +104,9 @@ class ActorConfig(Model):
     )
     horizon: Count = Field(64, description="steps per chunk")
     threads: Count = Field(1, description="torch threads per actor")
+    precision: Literal["float32", "bfloat16"] = Field(
+        "float32", description="of the policy's products; bfloat16 pays where there is hardware"
+    )
 
 
 class TransportConfig(Model):

@@ -2,6 +2,7 @@
 
 from lndrl.policy.compact import CompactObservation
 from lndrl.policy.device import resolve_device
+from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
 from lndrl.policy.inference import PolicyRunner
 from lndrl.policy.inputs import Inputs, prepare, supports_sparse
 from lndrl.policy.networks import NavigationNetwork, build_policy, build_value
@@ -15,11 +16,13 @@ from lndrl.policy.weights import (
 )
 
 __all__ = [
+    "EAGER_RUNS",
     "POLICY_FILE",
     "CompactObservation",
     "Inputs",
     "NavigationNetwork",
     "PolicyRunner",
+    "Record",
     "build_policy",
     "build_value",
     "initial_weights",
@@ -27,6 +30,7 @@ __all__ = [
     "load_policy",
     "policy_metadata",
     "prepare",
+    "record_cuda_graph",
     "resolve_device",
     "supports_sparse",
     "to_bytes",

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
+from lndrl.policy.acting import DevicePolicy
+from lndrl.policy.device import resolve_device
 from lndrl.policy.inputs import prepare, supports_sparse
 from lndrl.policy.networks import build_policy
 from lndrl.policy.weights import load_into
@@ -18,15 +20,21 @@ from lndrl.policy.weights import load_into
 class PolicyRunner:
     """A policy without gradients; the weights can be replaced at any time between calls.
 
+    ``device`` is cpu, cuda or cuda:N; on the CPU the evaluation is sparse where it can be.
     ``bfloat16`` does the products in bfloat16, which pays on processors that have instructions
-    for it and costs about two decimal digits of the log-probabilities.
+    for it and costs about two decimal digits of the log-probabilities. Raises UserError when the
+    device is not there.
     """
 
     def __init__(self, config: RunConfig, device: str = "cpu", bfloat16: bool = False) -> None:
         self.config = config
-        self.device = device
         self.bfloat16 = bfloat16
-        self.network = build_policy(config).to(device).requires_grad_(False).eval()
+        self.device = resolve_device(device)
+        self.network = build_policy(config).to(self.device).requires_grad_(False).eval()
+        self._remote: DevicePolicy | None = None
+        if self.device.type != "cpu":
+            precision = torch.bfloat16 if bfloat16 else torch.float32
+            self._remote = DevicePolicy(self.network, config, precision)
         self._freeze()
 
     def load(self, blob: bytes) -> None:
@@ -36,11 +44,11 @@ class PolicyRunner:
 
     def log_probabilities(self, observation: Observation) -> NDArray[np.float32]:
         """Log-probabilities (B, actions) for observations (B,)."""
-        inputs = prepare(observation, self.config, self.device)
-        kind = torch.device(self.device).type
-        with torch.inference_mode(), torch.autocast(kind, torch.bfloat16, enabled=self.bfloat16):
-            logits = self._acting(inputs)
-            return torch.log_softmax(logits.float(), dim=1).cpu().numpy()
+        if self._remote is not None:
+            return self._remote.log_probabilities(observation)
+        inputs = prepare(observation, self.config)
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=self.bfloat16):
+            return torch.log_softmax(self._acting(inputs).float(), dim=1).numpy()
 
     def act(
         self, observation: Observation, rng: np.random.Generator, greedy: bool = False
@@ -59,8 +67,8 @@ class PolicyRunner:
     def _freeze(self) -> None:
         """Make what acts from the weights, once for all calls until the next ones."""
         self._acting = self.network
-        if self.bfloat16:
+        if self.bfloat16 and self.device.type == "cpu":
             self._acting = copy.deepcopy(self.network).bfloat16()
             self._acting.head.float()  # eight bits would be too coarse for log-probabilities
-        if self.device == "cpu" and supports_sparse(self.config):
+        if self.device.type == "cpu" and supports_sparse(self.config):
             self._acting.map_encoder.freeze()

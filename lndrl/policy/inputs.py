@@ -12,7 +12,6 @@ from lndrl.config import RunConfig
 from lndrl.navigation import Observation
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
-from lndrl.policy.compact import CompactObservation
 from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, map_structure
 
 
@@ -29,16 +28,12 @@ class Inputs:
     people: Tensor | MapStructure
 
 
-def prepare(
-    observation: Observation, config: RunConfig, device: torch.device | str = "cpu"
-) -> Inputs:
-    """Network inputs of observations with leading shape (N,); sparse where that is possible.
+def prepare(observation: Observation, config: RunConfig) -> Inputs:
+    """Network inputs on the CPU of observations (N,); sparse where that is possible.
 
-    Both networks can share the result, which holds no weights. Other devices than the CPU get
-    the compact observation and make the inputs themselves.
+    Both networks can share the result, which holds no weights. Other devices make their inputs
+    themselves, from a CompactObservation.
     """
-    if torch.device(device).type != "cpu":
-        return Inputs(*CompactObservation.view(observation).to(device).expand(config.task))
     scan = torch.from_numpy(observation.scan * np.float32(1.0 / SCAN_COUNTS))
     goal = torch.from_numpy(np.array(observation.goal))  # may be a read-only message
     people: Tensor | MapStructure

@@ -63,10 +63,9 @@ def test_nothing_is_made_on_another_device() -> None:
     """Tensors of the host would not mix with those of "meta", nor with a GPU's."""
     config = make_config(map_channels=(4, 4, 4), features=8)
     observation = random_observation(np.random.default_rng(0), 3, 2.0)
-    inputs = prepare(observation, config, "meta")
-    assert isinstance(inputs.people, torch.Tensor)
-    assert {t.device.type for t in (inputs.scan, inputs.goal, inputs.people)} == {"meta"}
-    assert inputs.people.shape == (3, 3, 48, 48)
+    made = CompactObservation.view(observation).to("meta").expand(config.task)
+    assert {tensor.device.type for tensor in made} == {"meta"}
+    assert [tuple(tensor.shape) for tensor in made] == [(3, 720), (3, 6), (3, 3, 48, 48)]
 
 
 @pytest.mark.parametrize("device", DEVICES)
