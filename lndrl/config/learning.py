@@ -20,6 +20,9 @@ class NetworkConfig(Model):
     initialization: Literal["orthogonal", "default"] = Field(
         "orthogonal", description="orthogonal with a small policy head, or torch's default (GROUP)"
     )
+    variance_scale: Positive = Field(
+        1.0, description="factor on the belief's variances (m², rad²) where the networks read them"
+    )
     turn_reluctance: NonNegative = Field(
         0.0, description="the first policy's logits fall by this per rad/s; wheels slip in turns"
     )

@@ -163,6 +163,8 @@ class ScanEncoder(nn.Module):
 class NavigationNetwork(nn.Module):
     """Encoders, trunk and a linear head of ``outputs`` units."""
 
+    goal_scale: Tensor
+
     def __init__(self, config: RunConfig, outputs: int) -> None:
         super().__init__()
         network = config.network
@@ -171,6 +173,8 @@ class NavigationNetwork(nn.Module):
         self.goal_encoder = nn.Linear(6, network.goal_features)
         self.trunk = nn.Linear(2 * network.features + network.goal_features, network.features)
         self.head = nn.Linear(network.features, outputs)
+        scale = torch.tensor([1.0, 1.0, 1.0] + 3 * [network.variance_scale])
+        self.register_buffer("goal_scale", scale, persistent=False)
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Head outputs float32 (N, outputs) before any softmax; autocast may surround it."""
@@ -179,9 +183,8 @@ class NavigationNetwork(nn.Module):
         dense = torch.is_autocast_enabled(device) and isinstance(inputs.people, Tensor)
         with torch.autocast(device, enabled=dense, cache_enabled=False):
             people = self.map_encoder(inputs.people)
-        joined = torch.cat(
-            (people, self.scan_encoder(inputs.scan), F.relu(self.goal_encoder(inputs.goal))), dim=1
-        )
+        goal = F.relu(self.goal_encoder(inputs.goal * self.goal_scale))
+        joined = torch.cat((people, self.scan_encoder(inputs.scan), goal), dim=1)
         trunk = F.relu(self.trunk(joined))
         # Values and log-probabilities with the eight bits of bfloat16 would be too coarse.
         with torch.autocast(device, enabled=False):

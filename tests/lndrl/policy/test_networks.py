@@ -189,3 +189,17 @@ def test_reluctance_makes_the_first_policy_turn_less() -> None:
     # Turns of -0.9 ... 0.9 rad/s: one e-fold per third of a radian per second, both sides alike.
     expected = np.exp(-3.0 * np.abs(np.array(config.task.angular_velocities)))
     np.testing.assert_allclose(by_turn.numpy(), expected / expected.sum(), rtol=0.1)
+
+
+def test_variances_are_scaled_where_the_networks_read_them() -> None:
+    torch.manual_seed(0)
+    plain = build_policy(make_config(**SMALL))
+    scaled = build_policy(make_config(**SMALL, variance_scale=10.0))
+    scaled.load_state_dict(plain.state_dict())
+    observation = random_observation(np.random.default_rng(2), 4, 1.0)
+    larger = observation.copy()
+    larger.goal[:, 3:] *= 10.0
+    with torch.no_grad():
+        expected = plain(prepare(larger, make_config(**SMALL)))
+        torch.testing.assert_close(scaled(prepare(observation, make_config(**SMALL))), expected)
+        assert not torch.allclose(plain(prepare(observation, make_config(**SMALL))), expected)
