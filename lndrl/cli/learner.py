@@ -13,12 +13,11 @@ from lndrl.cli.options import (
     RunName,
     Settings,
     Steps,
-    check_endpoint,
-    learner_device,
+    check_checkpoint,
+    run_overrides,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.signals import stop_on_signals
-from lndrl.errors import UserError
 
 
 def learner(
@@ -32,15 +31,8 @@ def learner(
     device: LearnerDevice = None,
 ) -> None:
     """Run only the learner; actors connect to it from anywhere."""
-    if checkpoint is not None and not resume:
-        raise UserError("--checkpoint goes with --resume")
-    overrides = list(settings or [])
-    if steps is not None:
-        overrides.append(f"learner.total_steps={steps}")
-    if device is not None:
-        overrides.append(learner_device(device))
-    if listen is not None:
-        overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
+    check_checkpoint(checkpoint, resume)
+    overrides = run_overrides(settings, steps, device, listen)
     chosen, folder = choose_run(config, run, resume, overrides)
 
     from learner.service import run_learner

@@ -82,6 +82,26 @@ def learner_device(device: str) -> str:
     return f"learner.device={device}"
 
 
+def run_overrides(
+    settings: list[str] | None, steps: int | None, device: str | None, listen: str | None
+) -> list[str]:
+    """--set and the options that are short for one, as ``key=value``; raises UserError."""
+    overrides = list(settings or [])
+    if steps is not None:
+        overrides.append(f"learner.total_steps={steps}")
+    if device is not None:
+        overrides.append(learner_device(device))
+    if listen is not None:
+        overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
+    return overrides
+
+
+def check_checkpoint(checkpoint: str | None, resume: bool) -> None:
+    """Raises UserError for a checkpoint that is named although nothing is resumed."""
+    if checkpoint is not None and not resume:
+        raise UserError("--checkpoint goes with --resume")
+
+
 def count_or_auto(text: str) -> int | str:
     """``text`` as a number of processes or "auto"; raises a usage error for anything else."""
     if text == "auto":

@@ -16,9 +16,9 @@ from lndrl.cli.options import (
     RunName,
     Settings,
     Steps,
-    check_endpoint,
+    check_checkpoint,
     count_or_auto,
-    learner_device,
+    run_overrides,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.signals import stop_on_signals
@@ -56,17 +56,10 @@ def train(
     if serial and (listen or dashboard):
         option = "--listen" if listen else "--dashboard"
         raise UserError(f"{option} does not go with --serial, which nothing can attach to")
-    if checkpoint is not None and not resume:
-        raise UserError("--checkpoint goes with --resume")
-    overrides = list(settings or [])
+    check_checkpoint(checkpoint, resume)
+    overrides = run_overrides(settings, steps, device, listen)
     if actors is not None:
         overrides.append(f"actor.count={actors}")
-    if steps is not None:
-        overrides.append(f"learner.total_steps={steps}")
-    if device is not None:
-        overrides.append(learner_device(device))
-    if listen is not None:
-        overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
     chosen, folder = choose_run(config, run, resume, overrides)
     from lndrl.cli import training
 
