@@ -23,7 +23,6 @@ from torch import Tensor
 
 from learner.trainee import set_rate
 from learner.update import PPO
-from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
 
@@ -112,7 +111,21 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
     return counters, roster
 
 
-def find_checkpoint(folder: Path, name: str | None, config: RunConfig) -> Path:
+def start_from(run: Path, ppo: PPO) -> Path:
+    """Give ``ppo`` networks and optimizers of the newest checkpoint of another run.
+
+    Returns the checkpoint; raises UserError when there is none or it is of another network.
+    """
+    known = list_checkpoints(run / "checkpoints")
+    if not known:
+        raise UserError(f"learner.start: {run} holds no checkpoint; name the folder of a run")
+    order = ppo.rng.bit_generator.state
+    load_checkpoint(known[-1], ppo)
+    ppo.rng.bit_generator.state = order  # the new run's seed decides, not where it came from
+    return known[-1]
+
+
+def find_checkpoint(folder: Path, name: str | None) -> Path:
     """The newest checkpoint in ``folder`` or the one called ``name``; raises UserError."""
     known = list_checkpoints(folder)
     if name is not None:

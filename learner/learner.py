@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from learner.batch import Batch, assemble
-from learner.checkpoint import Counters, find_checkpoint, load_checkpoint, save_checkpoint
+from learner.checkpoint import (
+    Counters,
+    find_checkpoint,
+    load_checkpoint,
+    save_checkpoint,
+    start_from,
+)
 from learner.events import EventLog
 from learner.folder import RunFolder
 from learner.ingest import Chunk, Ingest
@@ -56,10 +62,13 @@ class Learner:
         self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
         self.roster = Roster()
         self.counters = Counters()
+        begin = "from scratch"
         if resume:
-            chosen = find_checkpoint(path / "checkpoints", checkpoint, config)
+            chosen = find_checkpoint(path / "checkpoints", checkpoint)
             self.counters, roster = load_checkpoint(chosen, self.ppo)
             self.roster.restore(roster)
+        elif config.learner.start is not None:
+            begin = f"from the networks of {start_from(Path(config.learner.start), self.ppo)}"
         self.folder = (RunFolder.open if resume else RunFolder.create)(path, config)
         self.events = EventLog(self.folder.events, quiet)
         self.ingest = Ingest(
@@ -74,7 +83,7 @@ class Learner:
         self.last_checkpoint: tuple[Path, float] | None = None
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
-        where = f"from step {self.counters.steps:,}" if resume else "from scratch"
+        where = f"from step {self.counters.steps:,}" if resume else begin
         self.events.add("start", f"run {self.folder.run_id} {where}")
 
     # -- the loop ----------------------------------------------------------------------------

@@ -68,6 +68,7 @@ def _check(name: str, markdown: Path | None, plot: Path | None) -> None:
 
 def _work(place: SweepFolder, parallel: int) -> int:
     """Run what is not finished; the exit code."""
+    place.sweep.check_start()
     from lndrl.cli.signals import stop_on_signals
     from lndrl.evaluation.sweep import Launcher, Work
     from lndrl.view.sweep import SweepDisplay

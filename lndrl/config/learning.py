@@ -69,6 +69,10 @@ class LearnerConfig(Model):
         description="of the products in the networks; weights stay float32. auto: bfloat16 on GPUs",
     )
     cuda_graphs: bool = Field(True, description="replay gradient steps on GPUs as CUDA graphs")
+    start: str | None = Field(
+        None,
+        description="folder of a run whose newest networks and optimizers this one begins with",
+    )
     checkpoint_interval: Count = Field(20, description="updates between checkpoints")
     keep_checkpoints: Count = 3
     queue_chunks: Count = Field(64, description="uploads waiting at most")

@@ -15,6 +15,7 @@ from learner.checkpoint import (
     list_checkpoints,
     load_checkpoint,
     save_checkpoint,
+    start_from,
 )
 from learner.update import PPO
 from lndrl.config import RunConfig
@@ -97,11 +98,11 @@ def test_another_network_is_named(trained, tmp_path: Path) -> None:
 def test_find_checkpoint_names_what_there_is(trained, tmp_path: Path) -> None:
     config = small_config()
     with pytest.raises(UserError, match="holds no checkpoint"):
-        find_checkpoint(tmp_path, None, config)
+        find_checkpoint(tmp_path, None)
     path = save_checkpoint(tmp_path, trained(config, 0), Counters(steps=10), ROSTER, 3)
-    assert find_checkpoint(tmp_path, None, config) == path
+    assert find_checkpoint(tmp_path, None) == path
     with pytest.raises(UserError, match="step-000000010"):
-        find_checkpoint(tmp_path, "step-000000011", config)
+        find_checkpoint(tmp_path, "step-000000011")
 
 
 def test_the_policy_file_alone_says_how_to_run_it(trained, tmp_path: Path) -> None:
@@ -111,3 +112,18 @@ def test_the_policy_file_alone_says_how_to_run_it(trained, tmp_path: Path) -> No
         found, blob = load_policy(place)
         assert found == config
         assert blob == (path / "policy.safetensors").read_bytes()
+
+
+def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> None:
+    config = small_config()
+    old = trained(config, 2)
+    save_checkpoint(tmp_path / "checkpoints", old, Counters(steps=64), ROSTER, 3)
+    new = trained(config.model_copy(update={"seed": 5}), 0)
+    order = new.rng.bit_generator.state
+    assert start_from(tmp_path, new).name == "step-000000064"
+    assert new.rng.bit_generator.state == order, "the new run's seed orders its minibatches"
+    for one, other in zip(old.value.parameters(), new.value.parameters(), strict=True):
+        assert torch.equal(one, other)
+    assert all("exp_avg" in new.value_optimizer.state[p] for p in new.value.parameters())
+    with pytest.raises(UserError, match="nowhere holds no checkpoint"):
+        start_from(tmp_path / "nowhere", new)

@@ -203,3 +203,23 @@ def test_a_learner_that_dies_before_its_first_update_can_be_resumed(start) -> No
     again = start(resume=True)
     assert again.learner.counters.steps == 0
     assert again.welcome.run_id == run.welcome.run_id
+
+
+def test_a_run_that_starts_from_another_counts_its_own_steps(start, tmp_path: Path) -> None:
+    run = start()
+    run.update(2)
+    run.learner.checkpoint()
+    config = small_config(learner={"start": str(run.learner.folder.path)})
+    learner = Learner(config, tmp_path / "next", MemoryNetwork().learner(), quiet=True)
+    learner.close()
+    assert learner.counters.steps == 0
+    assert "from the networks of" in learner.folder.events.read_text()
+    pairs = zip(learner.ppo.policy.parameters(), run.learner.ppo.policy.parameters(), strict=True)
+    assert all(bool((one == other).all()) for one, other in pairs)
+    with pytest.raises(UserError, match="holds no checkpoint"):
+        Learner(
+            small_config(learner={"start": str(tmp_path / "none")}),
+            tmp_path / "third",
+            MemoryNetwork().learner(),
+        )
+    assert not (tmp_path / "third").exists()

@@ -21,6 +21,7 @@ _FIXED = {
     "seed": "name them in seeds",
     "learner.total_steps": "say steps",
     "transport.endpoint": "every run gets a port of its own",
+    "learner.start": "say start",
 }
 
 Seed = Annotated[int, Field(ge=0)]
@@ -47,6 +48,9 @@ class SweepSpec(Model):
         None, description="the base, relative to this file or the working folder; lndrl.yaml"
     )
     set: list[str] = Field([], description="key=value for every run, the base's too")
+    start: str | None = Field(
+        None, description="run folder whose networks every run begins with; from the working folder"
+    )
     steps: Count = Field(description="environment steps per run")
     seeds: list[Seed] = Field(min_length=1)
     episodes: Annotated[int, Field(ge=0)] = Field(
@@ -112,6 +116,12 @@ class Sweep:
     spec: SweepSpec
     variants: tuple[Variant, ...]
 
+    def check_start(self) -> None:
+        """Raise UserError where runs are to start from a run that left no checkpoint."""
+        start = self.spec.start
+        if start is not None and not any(Path(start, "checkpoints").glob("step-*")):
+            raise UserError(f"{self.file}: start: {start} is no run folder with a checkpoint")
+
     def runs(self) -> list[PlannedRun]:
         """All runs, seed by seed: wherever a sweep stops, its variants are about as far."""
         return [
@@ -156,13 +166,15 @@ def _variant(
     file: Path, spec: SweepSpec, base: Path, name: str, settings: tuple[str, ...], why: str
 ) -> Variant:
     overrides = [*spec.set, *settings]
+    # Runs work in a folder of their own.
+    start = [f"learner.start={Path(spec.start).resolve()}"] if spec.start else []
     where = f"{file}: variant {name}"
     for override in overrides:
         key = override.partition("=")[0]
         if key in _FIXED:
             raise UserError(f"{where}: {override} is not for a variant to set; {_FIXED[key]}")
     try:
-        config = load_config(base, [*overrides, f"learner.total_steps={spec.steps}"])
+        config = load_config(base, [*overrides, *start, f"learner.total_steps={spec.steps}"])
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     return Variant(name, settings, why, config)

@@ -56,7 +56,17 @@ def test_wrong_files_are_one_sentence(
     assert str(file) in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["ppo", "smoke"])
+def test_runs_start_from_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    sweep, _ = small_sweep(tmp_path, start="runs/first")
+    assert {run.config.learner.start for run in sweep.runs()} == {str(tmp_path / "runs/first")}
+    with pytest.raises(UserError, match="runs/first is no run folder with a checkpoint"):
+        sweep.check_start()
+    (tmp_path / "runs/first/checkpoints/step-000000010").mkdir(parents=True)
+    sweep.check_start()
+
+
+@pytest.mark.parametrize("name", ["ppo", "later", "smoke"])
 def test_shipped_sweeps_are_right(name: str) -> None:
     path = REPOSITORY_CONFIGS / "sweeps" / f"{name}.yaml"
     sweep = load_sweep(path)
