@@ -10,7 +10,9 @@
   exp(-(distance - radius) / sigma) (PySocialForce: sum over points of all walls).
 """
 
+import contextlib
 import logging
+import tempfile
 
 import numpy as np
 import pytest
@@ -21,7 +23,8 @@ from lndrl.world.pedestrians import SFM, Crowd
 from lndrl.world.social_force import social_forces
 
 _level = logging.getLogger().level
-psf = pytest.importorskip("pysocialforce")
+with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere):
+    psf = pytest.importorskip("pysocialforce")  # opens a log in the working folder
 logging.getLogger().setLevel(_level)  # importing it turns everybody's debug messages on
 
 LAMBDA, GAMMA, N, N_PRIME = 2.0, 0.35, 2.0, 3.0

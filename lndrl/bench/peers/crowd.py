@@ -6,10 +6,12 @@ that what else the machine does hits all of them.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import math
 import statistics
+import tempfile
 from collections.abc import Callable
 from time import perf_counter
 from typing import Any
@@ -163,7 +165,8 @@ def _navground() -> Turn:
 
 
 def _pysocialforce() -> Turn:
-    import pysocialforce
+    with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere):
+        import pysocialforce  # opens a log in the working folder
 
     start, goal = random_goals(PEOPLE, 64)[:, :2].transpose(1, 0, 2)
     way = goal - start
