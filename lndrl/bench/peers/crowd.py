@@ -51,7 +51,9 @@ def measure_peers(seconds: float) -> dict[str, Any]:
     ):
         level = logging.getLogger().level
         try:
-            importlib.import_module(module)
+            # One of them opens a log in the working folder.
+            with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere):
+                importlib.import_module(module)
         except ImportError:
             found[name] = {"missing": f"pip install {package}"}
         else:
@@ -165,8 +167,7 @@ def _navground() -> Turn:
 
 
 def _pysocialforce() -> Turn:
-    with tempfile.TemporaryDirectory() as elsewhere, contextlib.chdir(elsewhere):
-        import pysocialforce  # opens a log in the working folder
+    import pysocialforce
 
     start, goal = random_goals(PEOPLE, 64)[:, :2].transpose(1, 0, 2)
     way = goal - start
