@@ -141,8 +141,9 @@ def _faces(occupied: NDArray[np.bool_], facing: int, band: int) -> NDArray[np.in
 def arctangent(y, x):
     """Angle (rad, float32) of (x, y) for x >= 0, to 1e-7: no call, so that loops vectorise."""
     size = abs(y)
-    small = size if size < x else x
-    large = x if size < x else size
+    # Equal sizes go with x: (0, 0), the end of a face that the point lies on, is straight ahead.
+    small = size if size <= x else x
+    large = x if size <= x else size
     t = small / (large + np.float32(1e-30))
     z = t * t
     p = np.float32(-0.00405456048)
@@ -154,7 +155,7 @@ def arctangent(y, x):
     p = p * z + np.float32(-0.3332986077)
     p = p * z + np.float32(0.9999993356)
     angle = p * t
-    angle = angle if size < x else np.float32(np.pi / 2) - angle
+    angle = angle if size <= x else np.float32(np.pi / 2) - angle
     return angle if y >= np.float32(0.0) else -angle
 
 

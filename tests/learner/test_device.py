@@ -15,9 +15,10 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from learner.batch import assemble
 from learner.checkpoint import Counters, load_checkpoint, save_checkpoint
-from learner.graphs import GraphedStep, record_cuda_graph
+from learner.graphs import GraphedStep
 from learner.rollout_store import RolloutStore
 from learner.update import PPO
+from lndrl.policy import record_cuda_graph
 
 ON_GPU = pytest.param(
     "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lndrl.config import LaserConfig
@@ -95,6 +95,7 @@ VIEWS = st.sampled_from([np.pi, 2 * np.pi, 1.5 * np.pi, 0.3])
 
 
 @settings(max_examples=150)
+@example((2, 4, 0.5, 0), 0.25, 0.5, 0.0, 0.0, 0.0, np.pi, 3)  # on a wall's face, at its end
 @given(GRIDS, PLACES, PLACES, PLACES, PLACES, HEADINGS, VIEWS, st.sampled_from([3, 16, 61]))
 def test_faces_equal_the_cell_walk(shape, px, py, fx, fy, yaw, view, beams) -> None:
     rows, columns, density, seed = shape
