@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ from rich.table import Table
 from lndrl.bench import world
 from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.errors import UserError
+from lndrl.evaluation.sweep.processes import free_port, this_program
 from lndrl.transport.status import overhead, shares_of
 from lndrl.view.metrics import read_metrics
 
@@ -120,14 +120,11 @@ def _profile(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
 
 
 def _start(folder: Path, device: str) -> subprocess.Popen[bytes]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     command = [sys.executable, "-m", "lndrl", "train", str(REPOSITORY_CONFIGS / "lndrl.yaml")]
-    command += ["--run", "bench", "--no-dashboard", "--listen", f"tcp/127.0.0.1:{port}"]
+    command += ["--run", "bench", "--no-dashboard", "--listen", f"tcp/127.0.0.1:{free_port()}"]
     command += ["--set", f"ppo.epochs={_EPOCHS}", "--device", device]
     with (folder / "log").open("wb") as log:
-        return subprocess.Popen(command, cwd=folder, stdout=log, stderr=log)
+        return subprocess.Popen(command, cwd=folder, env=this_program(), stdout=log, stderr=log)
 
 
 def _watch(process: subprocess.Popen[bytes], metrics: Path, seconds: float) -> float:

@@ -24,12 +24,7 @@ class Launcher:
     def __init__(self, folder: SweepFolder, lock: int, parallel: int = 1) -> None:
         self.folder, self.lock = folder, lock
         self.workers = max(1, len(os.sched_getaffinity(0)) // parallel)
-        # The program that runs now, whatever else is installed: the working folder is another.
-        here = str(Path(lndrl.__file__).resolve().parents[1])
-        inherited = os.environ.get("PYTHONPATH")
-        self.environment = os.environ | {
-            "PYTHONPATH": os.pathsep.join([here, inherited] if inherited else [here])
-        }
+        self.environment = this_program()
 
     def __call__(self, job: Job) -> RealProcess:
         """Start ``job``; what it says goes to its run's log."""
@@ -109,6 +104,17 @@ class RealProcess:
             with suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
+
+
+def this_program() -> dict[str, str]:
+    """The environment in which ``python -m lndrl`` is the program that runs now.
+
+    Whatever else is installed: a child's working folder is another.
+    """
+    here = str(Path(lndrl.__file__).resolve().parents[1])
+    inherited = os.environ.get("PYTHONPATH")
+    path = os.pathsep.join([here, inherited] if inherited else [here])
+    return os.environ | {"PYTHONPATH": path}
 
 
 def free_port() -> int:
