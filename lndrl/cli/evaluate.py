@@ -23,7 +23,7 @@ def evaluate(
         list[str],
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random' or 'straight'; several are compared.",
+            help="Run folder, weights file, 'random', 'straight' or 'dwa'; several are compared.",
         ),
     ],
     scenario: Annotated[

@@ -18,7 +18,8 @@ def play(
     planner: Annotated[
         str,
         typer.Argument(
-            metavar="RUN_OR_WEIGHTS", help="Run folder, weights file, 'random' or 'straight'."
+            metavar="RUN_OR_WEIGHTS",
+            help="Run folder, weights file, 'random', 'straight' or 'dwa'.",
         ),
     ],
     out: Annotated[

@@ -27,7 +27,7 @@ def settings_for(
     scenario: str | None = None,
     localization: Literal["amcl", "perfect"] | None = None,
 ) -> RunConfig:
-    """Configuration to test ``source`` under: its own, or ``configs/lndrl.yaml`` for the floors.
+    """Configuration to test ``source`` under: its own, or ``configs/lndrl.yaml`` for a rule.
 
     ``scenario`` (name or YAML file) and ``localization`` replace those inside. Raises UserError
     for an unknown scenario.

@@ -1,10 +1,13 @@
-"""Anything that turns an observation into a velocity: the learned policy and two floors."""
+"""Anything that turns an observation into a velocity: the learned policy, two floors, DWA."""
 
+from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import PlannerSource, make_planner, planner_source
 from lndrl.planners.interface import Planner, episode_generator
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 __all__ = [
+    "DWAConfig",
+    "DWAPlanner",
     "Planner",
     "PlannerSource",
     "RandomPlanner",

@@ -1,26 +1,30 @@
-"""From what a user types to a planner: ``random``, ``straight``, a run folder or weights."""
+"""From what a user types to a planner: one that follows a rule, a run folder or weights."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.planners.dwa import DWAPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
-FLOORS: dict[str, type[RandomPlanner] | type[StraightPlanner]] = {
+RULES: dict[str, Callable[[RunConfig], Planner]] = {
     RandomPlanner.name: RandomPlanner,
     StraightPlanner.name: StraightPlanner,
+    DWAPlanner.name: DWAPlanner,
 }
+"""Planners that need no weights: two floors and the classical baseline."""
 
 
 @dataclass(frozen=True)
 class PlannerSource:
     """Everything that a planner is built from; picklable, so that workers build the same one.
 
-    ``config`` and ``weights`` are those that were trained together, None for the floors. A run
+    ``config`` and ``weights`` are those that were trained together, None for a rule. A run
     that goes on training meanwhile changes neither.
     """
 
@@ -31,11 +35,11 @@ class PlannerSource:
     def build(self, config: RunConfig, greedy: bool = False) -> Planner:
         """The planner for episodes under ``config``.
 
-        ``greedy`` takes the likeliest action instead of sampling; the floors ignore it. Raises
+        ``greedy`` takes the likeliest action instead of sampling; rules ignore it. Raises
         UserError when the weights do not fit the networks of ``config``.
         """
         if self.weights is None:
-            return FLOORS[self.name](config)
+            return RULES[self.name](config)
         from lndrl.planners.policy import PolicyPlanner
 
         return PolicyPlanner.load(self.name, config, self.weights, greedy)
@@ -46,14 +50,14 @@ def planner_source(spec: str) -> PlannerSource:
 
     Raises UserError when ``spec`` is none of them, or its weights cannot be read.
     """
-    if spec in FLOORS:
+    if spec in RULES:
         return PlannerSource(spec)
     path = Path(spec)
     if not path.exists():
         raise UserError(
-            f"{spec}: no such run folder or weights file; give one, or {' or '.join(FLOORS)}"
+            f"{spec}: no such run folder or weights file; give one, or {' or '.join(RULES)}"
         )
-    from lndrl.policy import load_policy  # torch: takes seconds, and the floors need none of it
+    from lndrl.policy import load_policy  # torch: takes seconds, and rules need none of it
 
     config, weights = load_policy(path)
     return PlannerSource(spec, config, weights)
@@ -62,7 +66,7 @@ def planner_source(spec: str) -> PlannerSource:
 def make_planner(spec: str, config: RunConfig | None = None, greedy: bool = False) -> Planner:
     """Planner for ``spec`` under ``config``, by default the one its weights were trained with.
 
-    Raises UserError as ``planner_source`` does, and for a floor without ``config``.
+    Raises UserError as ``planner_source`` does, and for a rule without ``config``.
     """
     source = planner_source(spec)
     chosen = config or source.config
