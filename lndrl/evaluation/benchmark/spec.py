@@ -1,0 +1,147 @@
+"""What the test bench tests: methods, scenarios, and the hashes that say it is the same bench."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, load_scenario
+from lndrl.errors import UserError
+from lndrl.models import Model, load_yaml, validate
+from lndrl.planners import PlannerSource, planner_source
+from lndrl.planners.factory import RULES
+
+Localization = Literal["amcl", "perfect"]
+BENCHMARK = REPOSITORY_CONFIGS / "benchmark.yaml"
+_BASE = REPOSITORY_CONFIGS / "lndrl.yaml"
+
+
+class Method(Model):
+    """One row of the table."""
+
+    planner: str = Field(description="a rule such as dwa, a run folder or a weights file")
+    localization: Localization = "amcl"
+
+
+class BenchmarkSpec(Model):
+    """``configs/benchmark.yaml``."""
+
+    scenarios: list[str] = Field(min_length=1)
+    seed: Annotated[int, Field(ge=0)] = 0
+    methods: dict[str, Method] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A method that can be tested: its planner has been found.
+
+    ``identity`` is the rule's name, or the digest of the weights.
+    """
+
+    name: str
+    source: PlannerSource
+    localization: Localization
+    greedy: bool = False
+
+    @property
+    def identity(self) -> str:
+        """What must not change while a table is filled."""
+        if self.source.weights is None:
+            return self.source.name
+        return hashlib.sha256(self.source.weights).hexdigest()[:16]
+
+    @property
+    def actions(self) -> str:
+        """How actions are chosen."""
+        if self.source.weights is None:
+            return "rule"
+        return "greedy" if self.greedy else "sampled"
+
+
+def load_benchmark(path: Path = BENCHMARK) -> BenchmarkSpec:
+    """Read the bench; raises UserError naming the file and key."""
+    return validate(BenchmarkSpec, load_yaml(path), str(path))
+
+
+def choose(known: Sequence[str], wanted: Sequence[str] | None, what: str) -> list[str]:
+    """``wanted`` in its order, by default all of ``known``; raises UserError for others."""
+    if wanted is None:
+        return list(known)
+    for name in wanted:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=2, cutoff=0.5)
+            hint = f"did you mean {' or '.join(close)}? known" if close else "known"
+            raise UserError(f"{what} {name!r} is unknown; {hint}: {', '.join(known)}")
+    if not wanted:
+        raise UserError(f"no {what} is named; known: {', '.join(known)}")
+    return list(dict.fromkeys(wanted))
+
+
+def contenders(
+    spec: BenchmarkSpec,
+    wanted: Sequence[str] | None = None,
+    localization: Localization | None = None,
+    greedy: bool = False,
+) -> tuple[list[Contender], list[str]]:
+    """Methods that can be tested, and those without weights, by name.
+
+    ``localization`` replaces every method's own. Raises UserError for an unknown method, and for a
+    missing planner where the method was asked for by name.
+    """
+    found: list[Contender] = []
+    missing: list[str] = []
+    for name in choose(list(spec.methods), wanted, "method"):
+        method = spec.methods[name]
+        if method.planner not in RULES and not Path(method.planner).exists() and wanted is None:
+            missing.append(name)
+            continue
+        try:
+            source = planner_source(method.planner)
+        except UserError as error:
+            raise UserError(f"method {name}: {error}") from None
+        found.append(Contender(name, source, localization or method.localization, greedy))
+    return found, missing
+
+
+def bench_config(contender: Contender, scenario: str, seed: int) -> RunConfig:
+    """What ``contender`` is tested under in ``scenario``.
+
+    World, filter and task limits are the bench's own, whatever the policy was trained under; what
+    the policy sees and does, and its networks, are those of its training.
+    """
+    base = load_config(_BASE)
+    config = contender.source.config or base
+    limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit")
+    return config.model_copy(
+        update={
+            "seed": seed,
+            "scenario": load_scenario(scenario),
+            "world": base.world,
+            "localization": base.localization.model_copy(update={"kind": contender.localization}),
+            "task": config.task.model_copy(
+                update={name: getattr(base.task, name) for name in limits}
+            ),
+        }
+    )
+
+
+def bench_hash(config: RunConfig) -> str:
+    """Twelve hex digits that change when the bench changes in ``config``'s scenario.
+
+    The localization's kind is left out: it is a property of the method.
+    """
+    task = config.task
+    parts = {
+        "scenario": config.scenario.model_dump(mode="json"),
+        "world": config.world.model_dump(mode="json"),
+        "localization": config.localization.model_dump(mode="json", exclude={"kind"}),
+        "task": [task.arrive_distance, task.lost_distance, task.lost_angle, task.time_limit],
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
