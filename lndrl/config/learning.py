@@ -15,6 +15,11 @@ class NetworkConfig(Model):
 
     pooling: Literal["max", "none"] = Field("max", description="2x2 after each map convolution")
     map_channels: tuple[int, int, int] = (64, 128, 256)
+    scan_encoder: Literal["lndrl", "fan"] = Field(
+        "lndrl", description="the paper's, or that of DRL_laser for several scans (§7.1)"
+    )
+    pedestrian_map: bool = Field(True, description="False: people are seen in the scan alone")
+    variances: bool = Field(True, description="False: the goal without the belief's variances")
     features: Count = Field(512, description="units of map encoder, scan encoder and trunk")
     goal_features: Count = 64
     initialization: Literal["orthogonal", "default"] = Field(

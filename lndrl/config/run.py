@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from lndrl.config.learning import (
     ActorConfig,
@@ -50,6 +50,15 @@ class RunConfig(Model):
     learner: LearnerConfig = LearnerConfig()
     actor: ActorConfig = ActorConfig()
     transport: TransportConfig = TransportConfig()
+
+    @model_validator(mode="after")
+    def _frames_need_their_encoder(self) -> RunConfig:
+        if self.task.scan_frames > 1 and self.network.scan_encoder != "fan":
+            raise ValueError(
+                f"task.scan_frames {self.task.scan_frames} needs network.scan_encoder: fan; "
+                "the paper's reads one scan"
+            )
+        return self
 
     def to_yaml(self) -> str:
         """The resolved configuration as YAML; ``load_config`` reads it back equal."""
@@ -124,7 +133,7 @@ def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -
     Raises UserError naming file, key and mend.
     """
     path = Path(path)
-    data = load_yaml(path)
+    data = _with_base(path)
     for override in overrides:
         _apply(data, override)
     where = str(path) if not overrides else f"{path} with --set"
@@ -137,6 +146,29 @@ def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -
         raise UserError(f"{where}: scenario is missing; name one, e.g. scenario: hybrid")
     config = validate(RunConfig, data, where)
     return config.model_copy(update={"scenario": _with_map(config.scenario, path)})
+
+
+def _with_base(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """The file's keys over those of the file that its ``base`` names, beside it."""
+    data = load_yaml(path)
+    base = data.pop("base", None)
+    if base is None:
+        return data
+    if not isinstance(base, str):
+        raise UserError(f"{path}: base must name a YAML file, e.g. base: lndrl.yaml")
+    if path in seen:
+        raise UserError(f"{path}: base leads back to itself")
+    return _merged(_with_base(path.parent / base, (*seen, path)), data)
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """``above`` over ``below``, mapping by mapping."""
+    both = {
+        key: _merged(below[key], value)
+        for key, value in above.items()
+        if isinstance(value, dict) and isinstance(below.get(key), dict)
+    }
+    return {**below, **above, **both}
 
 
 def parse_config(data: Any, where: str) -> RunConfig:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from lndrl.models import Count, Model, Positive
@@ -34,6 +36,9 @@ class TaskConfig(Model):
     lost_distance: Positive = Field(2.0, description="m, truth to estimate (PAPER)")
     lost_angle: Positive = Field(0.7853981633974483, description="rad (PAPER)")
     time_limit: Positive = Field(60.0, description="s, then truncated (parameters §4.6)")
+    scan_frames: Annotated[int, Field(ge=1, le=8)] = Field(
+        1, description="scans of consecutive control steps that are seen together (§7.1)"
+    )
     map_cells: Count = Field(48, description="cells per side of the pedestrian map (PAPER)")
     map_extent: Positive = Field(6.0, description="m per side (GROUP)")
     pedestrian_radius: Positive = Field(0.30, description="m, disc drawn per pedestrian (GROUP)")

@@ -96,8 +96,9 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
 
     def _observation(self) -> ObservationDict:
         row = self.navigation.observation
+        frames = self.config.task.scan_frames
         return {
-            "scan": (row.scan[None] / SCAN_COUNTS).astype(np.float32),
+            "scan": (row.scan.reshape(frames, -1) / SCAN_COUNTS).astype(np.float32),
             "pedestrians": draw_pedestrian_map(
                 row.pedestrians, row.pedestrian_count, self.config.task
             ),
@@ -119,7 +120,7 @@ def _observation_space(
     limit = task.variance_limit
     return spaces.Dict(  # type: ignore[return-value]
         {
-            "scan": spaces.Box(0.0, 1.0, (1, config.world.laser.beams), np.float32),
+            "scan": spaces.Box(0.0, 1.0, (task.scan_frames, config.world.laser.beams), np.float32),
             "pedestrians": spaces.Box(low, high, dtype=np.float32),
             "goal": spaces.Box(
                 np.array([-far, -far, -np.pi, 0, 0, 0], np.float32),

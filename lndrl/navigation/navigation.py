@@ -195,7 +195,9 @@ class Navigation:
             goal=world.goal.copy(),
             arrive_distance=config.task.arrive_distance,
             command=world.command.copy(),
-            scan=dequantise(self.observation.scan, config.world.laser.range_max),
+            scan=dequantise(
+                self.observation.scan[-config.world.laser.beams :], config.world.laser.range_max
+            ),
             field_of_view=config.world.laser.field_of_view,
             range_max=config.world.laser.range_max,
             pedestrian_position=world.pedestrian_position.copy(),

@@ -25,7 +25,9 @@ SCAN_COUNTS = 65535
 class Observation:
     """Observations of many worlds or steps, one leading shape for all arrays: (B,), (T, B), ().
 
-    scan: uint16 (..., beams), counts of range_max / 65535 metres, from -fov/2 to +fov/2.
+    scan: uint16 (..., beams), counts of range_max / 65535 metres, from -fov/2 to +fov/2. With
+        ``task.scan_frames`` F above 1 (..., F * beams), scan by scan, the newest last; an episode
+        begins with F times its first.
     pedestrians: float32 (..., max_pedestrians, 4): x, y (m), vx, vy (m/s) in the robot frame
         (rotated only), near to far, rows from ``pedestrian_count`` on are zero.
     pedestrian_count: uint8 (...).
@@ -54,7 +56,8 @@ class Observation:
     @classmethod
     def zeros_for(cls, shape: int | Sequence[int], config: RunConfig) -> Observation:
         """Zeroed arrays in the sizes that ``config`` asks for."""
-        return cls.zeros(shape, config.task.max_pedestrians, config.world.laser.beams)
+        beams = config.task.scan_frames * config.world.laser.beams
+        return cls.zeros(shape, config.task.max_pedestrians, beams)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -126,6 +129,22 @@ def quantise_scan(ranges, scale, out):
             out[i] = 0
         else:
             out[i] = 65535
+
+
+@njit(cache=True, nogil=True)
+def push_scan(ranges, scale, begun, out):
+    """Write a scan (n,) behind the newest of the scans in ``out`` (F * n,), the oldest leaves.
+
+    Where ``begun`` is true, the scan takes the places of all.
+    """
+    beams = ranges.shape[0]
+    older = out.shape[0] - beams
+    for k in range(older):
+        out[k] = out[k + beams]
+    quantise_scan(ranges, scale, out[older:])
+    if begun:
+        for k in range(older):
+            out[k] = out[older + k % beams]
 
 
 def quantise(

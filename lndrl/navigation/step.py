@@ -20,7 +20,7 @@ from lndrl.localization.belief import Scratch as FilterScratch
 from lndrl.localization.bins import Bins
 from lndrl.localization.update import update_belief
 from lndrl.maps.edges import FaceScratch, RayMap
-from lndrl.navigation.observation import goal_vector, pedestrians_in_view, quantise_scan
+from lndrl.navigation.observation import goal_vector, pedestrians_in_view, push_scan
 from lndrl.navigation.reward import judge
 from lndrl.navigation.track import ARRIVED, COLLIDED, LOST, RUNNING, TIMEOUT, Track
 from lndrl.world.laser import Fan, ScanScratch, noisy_scan
@@ -217,10 +217,10 @@ def drive_worlds(machine, first, commands, ticks):
 
 
 @njit(inline="always")
-def _observe(robots, people, beliefs, tracks, views, task, i):
-    """Write what world ``i`` shows to its row of the views."""
+def _observe(robots, people, beliefs, tracks, views, task, begun, i):
+    """Write what world ``i`` shows to its row of the views; ``begun``: for the first time."""
     count = people.count[i, 0]
-    quantise_scan(tracks.scan[i], task.scan_scale, views.scan[i])
+    push_scan(tracks.scan[i], task.scan_scale, begun, views.scan[i])
     goal_vector(
         beliefs.pose[i], tracks.variance[i], robots.goal[i], robots.start[i, 2],
         task.variance_limit, views.goal[i],
@@ -262,7 +262,7 @@ def judge_worlds(machine, first, worlds, begun):
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     views, task = Views(*machine[4]), Task(*machine[8])
     for i in range(first, first + worlds):
-        _observe(robots, people, beliefs, tracks, views, task, i)
+        _observe(robots, people, beliefs, tracks, views, task, begun, i)
         if not begun:
             _pay(robots, beliefs, tracks, task, i)
         step = tracks.steps[i, 0]

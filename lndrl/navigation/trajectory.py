@@ -166,7 +166,7 @@ def _checked_shapes(
     if not isinstance(arrays, Mapping) or set(arrays) != set(SCHEMA):
         given = sorted(map(str, arrays)) if isinstance(arrays, Mapping) else type(arrays).__name__
         raise ValueError(f"trajectory needs exactly the arrays {sorted(SCHEMA)}, not {given}")
-    sizes: dict[str, int] = {"beams": config.world.laser.beams}
+    sizes: dict[str, int] = {"beams": config.task.scan_frames * config.world.laser.beams}
     checked = {}
     for name, (dtype, axes) in SCHEMA.items():
         array = arrays[name]

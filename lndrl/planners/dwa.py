@@ -69,7 +69,7 @@ class DWAPlanner:
         self._range_max = laser.range_max
         used = np.arange(0, laser.beams, p.beam_stride)
         bearing = -laser.field_of_view / 2 + used * laser.field_of_view / laser.beams
-        self._used = used
+        self._used = used - laser.beams  # of the newest scan, which is the last
         self._directions = np.stack((np.cos(bearing), np.sin(bearing)), axis=1)
         self._command = np.zeros((0, 2))
 

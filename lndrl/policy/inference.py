@@ -71,4 +71,4 @@ class PolicyRunner:
             self._acting = copy.deepcopy(self.network).bfloat16()
             self._acting.head.float()  # eight bits would be too coarse for log-probabilities
         if self.device.type == "cpu" and supports_sparse(self.config):
-            self._acting.map_encoder.freeze()
+            self._acting.freeze()

@@ -19,13 +19,14 @@ from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, map_structure
 class Inputs:
     """What a network reads for N samples.
 
-    scan: float32 (N, beams) in [0, 1]. goal: float32 (N, 6). people: the pedestrian maps, either
-    dense float32 (N, 3, cells, cells) or as the structure of their non-empty parts.
+    scan: float32 (N, scan_frames * beams) in [0, 1]. goal: float32 (N, 6). people: the pedestrian
+    maps, either dense float32 (N, 3, cells, cells) or as the structure of their non-empty parts;
+    None for a network that reads none.
     """
 
     scan: Tensor
     goal: Tensor
-    people: Tensor | MapStructure
+    people: Tensor | MapStructure | None
 
 
 def prepare(observation: Observation, config: RunConfig) -> Inputs:
@@ -36,8 +37,10 @@ def prepare(observation: Observation, config: RunConfig) -> Inputs:
     """
     scan = torch.from_numpy(observation.scan * np.float32(1.0 / SCAN_COUNTS))
     goal = torch.from_numpy(np.array(observation.goal))  # may be a read-only message
-    people: Tensor | MapStructure
-    if supports_sparse(config):
+    people: Tensor | MapStructure | None
+    if not config.network.pedestrian_map:
+        people = None
+    elif supports_sparse(config):
         people = map_structure(observation, config.task, pooling_factor(config))
     else:
         people = torch.from_numpy(

@@ -22,6 +22,10 @@ from lndrl.policy.scan import scan_convolutions
 from lndrl.policy.sparse import cell_linear, convolve_pool, flat_weight, train_cell_linear
 from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, stand_in_cells
 
+FAN_SCAN_FEATURES = 256
+FAN_TRUNK_FEATURES = 128
+"""Units of DRL_laser's layers (KNOWN, parameters §7.1)."""
+
 
 @dataclass(frozen=True)
 class EmptyResponse:
@@ -160,35 +164,72 @@ class ScanEncoder(nn.Module):
         return F.relu(self.linear(x))
 
 
+class FanScanEncoder(nn.Module):
+    """Scans (N, frames * beams) in [0, 1] -> (N, features): DRL_laser's encoder (§7.1)."""
+
+    def __init__(self, config: RunConfig) -> None:
+        super().__init__()
+        self.frames = config.task.scan_frames
+        self.conv1 = nn.Conv1d(self.frames, 32, 5, stride=2, padding=1)
+        self.conv2 = nn.Conv1d(32, 32, 3, stride=2, padding=1)
+        width = (((config.world.laser.beams - 3) // 2 + 1) - 1) // 2 + 1
+        self.linear = nn.Linear(32 * width, FAN_SCAN_FEATURES)
+
+    def forward(self, scan: Tensor) -> Tensor:
+        x = scan.unflatten(1, (self.frames, -1)) - 0.5
+        x = F.relu(self.conv2(F.relu(self.conv1(x))))
+        return F.relu(self.linear(x.flatten(1)))
+
+
 class NavigationNetwork(nn.Module):
-    """Encoders, trunk and a linear head of ``outputs`` units."""
+    """Encoders, trunk and a linear head of ``outputs`` units.
+
+    ``config.network`` may leave the pedestrian map or the variances out, or read several scans the
+    way DRL_laser does; without a map that network is Fan et al.'s whole one, whose trunk reads the
+    goal itself.
+    """
 
     goal_scale: Tensor
 
     def __init__(self, config: RunConfig, outputs: int) -> None:
         super().__init__()
         network = config.network
-        self.map_encoder = MapEncoder(config)
-        self.scan_encoder = ScanEncoder(config)
-        self.goal_encoder = nn.Linear(6, network.goal_features)
-        self.trunk = nn.Linear(2 * network.features + network.goal_features, network.features)
-        self.head = nn.Linear(network.features, outputs)
+        fan = network.scan_encoder == "fan"
+        self.goals = 6 if network.variances else 3
+        self.map_encoder = MapEncoder(config) if network.pedestrian_map else None
+        self.scan_encoder = FanScanEncoder(config) if fan else ScanEncoder(config)
+        plain = fan and not network.pedestrian_map
+        self.goal_encoder = None if plain else nn.Linear(self.goals, network.goal_features)
+        joined = FAN_SCAN_FEATURES if fan else network.features
+        joined += self.goals if plain else network.goal_features
+        joined += network.features if network.pedestrian_map else 0
+        trunk = FAN_TRUNK_FEATURES if plain else network.features
+        self.trunk = nn.Linear(joined, trunk)
+        self.head = nn.Linear(trunk, outputs)
         scale = torch.tensor([1.0, 1.0, 1.0] + 3 * [network.variance_scale])
-        self.register_buffer("goal_scale", scale, persistent=False)
+        self.register_buffer("goal_scale", scale[: self.goals], persistent=False)
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Head outputs float32 (N, outputs) before any softmax; autocast may surround it."""
         device = inputs.scan.device.type
         # The sparse kernels know float32 only.
         dense = torch.is_autocast_enabled(device) and isinstance(inputs.people, Tensor)
-        with torch.autocast(device, enabled=dense, cache_enabled=False):
-            people = self.map_encoder(inputs.people)
-        goal = F.relu(self.goal_encoder(inputs.goal * self.goal_scale))
-        joined = torch.cat((people, self.scan_encoder(inputs.scan), goal), dim=1)
-        trunk = F.relu(self.trunk(joined))
+        parts: list[Tensor] = []
+        if self.map_encoder is not None:
+            with torch.autocast(device, enabled=dense, cache_enabled=False):
+                parts.append(self.map_encoder(inputs.people))
+        parts.append(self.scan_encoder(inputs.scan))
+        goal = inputs.goal[:, : self.goals] * self.goal_scale
+        parts.append(goal if self.goal_encoder is None else F.relu(self.goal_encoder(goal)))
+        trunk = F.relu(self.trunk(torch.cat(parts, dim=1)))
         # Values and log-probabilities with the eight bits of bfloat16 would be too coarse.
         with torch.autocast(device, enabled=False):
             return self.head(trunk.float())
+
+    def freeze(self) -> None:
+        """Keep what depends on the weights alone; again after every change of them."""
+        if self.map_encoder is not None:
+            self.map_encoder.freeze()
 
 
 def build_policy(config: RunConfig) -> NavigationNetwork:

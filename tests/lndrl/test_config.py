@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -224,3 +225,70 @@ def test_both_configurations_share_world_and_task() -> None:
     for part in ("scenario", "world", "localization", "task"):
         assert getattr(ours, part) == getattr(paper, part), part
     assert isinstance(ours, RunConfig)
+
+
+def test_a_base_is_read_below_and_leads_nowhere_twice(tmp_path: Path) -> None:
+    (tmp_path / "low.yaml").write_text("scenario: hybrid\nppo: {epochs: 3, gamma: 0.9}\n")
+    (tmp_path / "high.yaml").write_text("base: low.yaml\nppo: {gamma: 0.8}\nseed: 4\n")
+    config = load_config(tmp_path / "high.yaml", ["ppo.clip=0.3"])
+    assert (config.ppo.epochs, config.ppo.gamma, config.ppo.clip, config.seed) == (3, 0.8, 0.3, 4)
+    (tmp_path / "round.yaml").write_text("base: round.yaml\n")
+    (tmp_path / "odd.yaml").write_text("base: 3\n")
+    (tmp_path / "lost.yaml").write_text("base: nowhere.yaml\n")
+    for name, sentence in (
+        ("round", "leads back to itself"),
+        ("odd", "base must name a YAML file"),
+        ("lost", "nowhere.yaml: no such file"),
+    ):
+        with pytest.raises(UserError, match=sentence):
+            load_config(tmp_path / f"{name}.yaml")
+
+
+@pytest.mark.parametrize(
+    ("name", "differs"),
+    [
+        (
+            "drl_laser",
+            {
+                "task.scan_frames": 3,
+                "task.reward.pose": 0.0,
+                "task.reward.lost": 0.0,
+                "network.scan_encoder": "fan",
+                "network.pedestrian_map": False,
+                "network.variances": False,
+            },
+        ),
+        (
+            "drl_laser_ped",
+            {
+                "task.scan_frames": 3,
+                "task.reward.pose": 0.0,
+                "task.reward.lost": 0.0,
+                "network.scan_encoder": "fan",
+                "network.variances": False,
+            },
+        ),
+        ("no_variance", {"network.variances": False}),
+        ("no_reward", {"task.reward.pose": 0.0}),
+    ],
+)
+def test_each_baseline_differs_in_what_it_ablates_alone(
+    name: str, differs: dict[str, object]
+) -> None:
+    ours, theirs = (
+        flat(load_config(REPOSITORY_CONFIGS / f"{n}.yaml").model_dump()) for n in ("lndrl", name)
+    )
+    assert {key: theirs[key] for key in ours if ours[key] != theirs[key]} == differs
+
+
+def flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in data.items():
+        inner = isinstance(value, dict)
+        found |= flat(value, f"{prefix}{key}.") if inner else {f"{prefix}{key}": value}
+    return found
+
+
+def test_several_scans_need_the_encoder_that_reads_them(config_file: Path) -> None:
+    with pytest.raises(UserError, match=r"needs network\.scan_encoder: fan"):
+        load_config(config_file, ["task.scan_frames=3"])

@@ -312,3 +312,20 @@ def test_a_place_without_people() -> None:
     assert navigation.observation.pedestrian_count == 0
     assert not navigation.observation.pedestrians.any()
     assert navigation.snapshot().leg_position.shape == (0, 2)
+
+
+def test_three_scans_are_those_of_three_steps_and_nothing_else_changes() -> None:
+    task = {"scan_frames": 3}
+    three = started(made_config(task=task, network={"scan_encoder": "fan"}))
+    one = started()
+    beams = AMCL.world.laser.beams
+    seen = [one.observation.scan.copy()] * 3
+    for _ in range(4):
+        np.testing.assert_array_equal(three.observation.scan, np.concatenate(seen[-3:]))
+        np.testing.assert_array_equal(three.snapshot().scan, one.snapshot().scan)
+        first, second = one.step(0.2, 0.3), three.step(0.2, 0.3)
+        assert first.reward == second.reward
+        assert bits(one)[2 * beams :] == bits(three)[6 * beams :]
+        seen.append(one.observation.scan.copy())
+    three.reset()
+    assert len(np.unique(three.observation.scan.reshape(3, beams), axis=0)) == 1

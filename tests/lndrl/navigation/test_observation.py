@@ -11,6 +11,7 @@ from lndrl.navigation.observation import (
     dequantise,
     goal_vector,
     pedestrians_in_view,
+    push_scan,
     quantise,
     wrap_angle,
 )
@@ -125,3 +126,21 @@ def test_row_view_writes_through() -> None:
     row.pedestrian_count[...] = 4
     row.goal[:] = 2.0
     assert whole.pedestrian_count.tolist() == [0, 4, 0] and whole.goal[1].tolist() == [2.0] * 6
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    frames=st.integers(1, 4), beams=st.integers(1, 9), steps=st.integers(1, 6), again=st.booleans()
+)
+def test_scans_are_kept_oldest_first_and_begin_with_the_first(
+    frames: int, beams: int, steps: int, again: bool
+) -> None:
+    rng = np.random.default_rng(frames * 100 + beams)
+    shown = rng.integers(0, 65536, frames * beams).astype(np.uint16)
+    slow: list[np.ndarray] = []
+    for step in range(steps):
+        scan = rng.uniform(0, 12, beams).astype(np.float32)
+        begun = step == 0 or (again and step == 3)
+        slow = [quantise(scan, 12.0)] * frames if begun else [*slow[1:], quantise(scan, 12.0)]
+        push_scan(scan, 65535 / 12.0, begun, shown)
+        np.testing.assert_array_equal(shown, np.concatenate(slow))

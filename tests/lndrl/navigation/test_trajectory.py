@@ -188,3 +188,15 @@ def test_random_corruption_raises_nothing_but_value_error(data: st.DataObject) -
             assert np.isfinite(float_array).all()
         assert got.action.max() < 28
         assert (got.observation.pedestrian_count <= PEOPLE).all()
+
+
+def test_several_scans_are_part_of_the_schema() -> None:
+    network = CONFIG.network.model_copy(update={"scan_encoder": "fan"})
+    task = CONFIG.task.model_copy(update={"scan_frames": 3})
+    three = CONFIG.model_copy(update={"task": task, "network": network})
+    arrays = random_trajectory(0, 4, 2).to_arrays()
+    with pytest.raises(ValueError, match=f"beams must be {3 * BEAMS}"):
+        Trajectory.from_arrays(arrays, three)
+    for name in ("scan", "final_scan"):
+        arrays[name] = np.concatenate([arrays[name]] * 3, axis=-1)
+    assert Trajectory.from_arrays(arrays, three).observation.scan.shape == (4, 2, 3 * BEAMS)

@@ -201,3 +201,10 @@ def test_variances_and_people_do_not_matter(config: RunConfig) -> None:
 
 def test_it_is_found_by_name(config: RunConfig) -> None:
     assert isinstance(planner_source("dwa").build(config), DWAPlanner)
+
+
+def test_of_several_scans_the_newest_counts(config: RunConfig) -> None:
+    plain = seen(config, (3.0, 1.0), (-0.2, 0.4))
+    several = plain.take(np.arange(1))
+    several.scan = np.concatenate([np.zeros((1, 1440), np.uint16), plain.scan], axis=1)
+    assert first_act(config, several) == first_act(config, plain)
