@@ -25,8 +25,10 @@ from lndrl.transport import (
     open_learner,
     open_viewer,
 )
+from lndrl.transport.keys import ANNOUNCE, UPLOAD
 from lndrl.transport.messages import decode
-from lndrl.transport.zenoh_session import ANNOUNCE, UPLOAD, open_connecting
+from lndrl.transport.security import Security
+from lndrl.transport.zenoh_session import open_connecting
 
 HELLO = Hello("actor-0", "first", "here", 1, 8, "0.1")
 
@@ -197,10 +199,11 @@ def test_bad_endpoints_are_sentences(endpoint):
 
 
 def test_addresses_of_others_are_sentences():
+    anywhere = Security("learner", insecure=True)
     with pytest.raises(UserError, match="does not have the address"):
-        open_learner(TransportConfig(endpoint="tcp/192.0.2.1:7447"))
+        open_learner(TransportConfig(endpoint="tcp/192.0.2.1:7447"), security=anywhere)
     with pytest.raises(UserError, match="is unknown"):
-        open_learner(TransportConfig(endpoint="tcp/no.such.host.invalid:7447"))
+        open_learner(TransportConfig(endpoint="tcp/no.such.host.invalid:7447"), security=anywhere)
 
 
 def test_an_oversized_chunk_is_refused_before_it_is_sent():
