@@ -100,7 +100,9 @@ def allowed(role: str, action: str, key: str) -> bool:
     return Right(role, action, key) in RIGHTS
 
 
-def access_control(roles: Mapping[str, Subject], namespace: str = "") -> dict[str, Any]:
+def access_control(
+    roles: Mapping[str, Subject], namespaces: Sequence[str] = ("",)
+) -> dict[str, Any]:
     """zenoh's ``access_control`` for these roles: default deny, both directions."""
     rules: list[dict[str, Any]] = []
     described: list[dict[str, Any]] = []
@@ -111,7 +113,7 @@ def access_control(roles: Mapping[str, Subject], namespace: str = "") -> dict[st
         given = {kind: list(values) for kind, values in names.items() if values}
         if not given:
             raise ValueError(f"nothing says who is {role}")
-        own = _rules(role, namespace)
+        own = _rules(role, namespaces)
         rules += own
         described.append({"id": role, **given})
         policies.append({"rules": [rule["id"] for rule in own], "subjects": [role]})
@@ -124,21 +126,22 @@ def access_control(roles: Mapping[str, Subject], namespace: str = "") -> dict[st
     }
 
 
-def _rules(role: str, namespace: str) -> list[dict[str, Any]]:
+def _rules(role: str, namespaces: Sequence[str]) -> list[dict[str, Any]]:
     keys: dict[tuple[str, str], list[str]] = {}
     for right in RIGHTS:
         if right.role != role:
             continue
         for flow, messages in ACTIONS[right.action].items():
             for message in messages:
-                keys.setdefault((flow, message), []).append(in_namespace(right.key, namespace))
+                found = keys.setdefault((flow, message), [])
+                found += [in_namespace(right.key, namespace) for namespace in namespaces]
     return [
         {
             "id": f"{role} {flow} {message}",
             "permission": "allow",
             "flows": [flow],
             "messages": [message],
-            "key_exprs": found,
+            "key_exprs": expressions,
         }
-        for (flow, message), found in keys.items()
+        for (flow, message), expressions in keys.items()
     ]

@@ -79,25 +79,6 @@ class Security:
                 f" {self.role} or {self.role}-NAME"
             )
 
-    def settings(self, listening: bool, namespace: str = "") -> dict[str, Any]:
-        """The zenoh settings, path to value, without the overlay; call ``check`` before."""
-        found: dict[str, Any] = {}
-        if self.certificates is not None:
-            found.update(_tls(self.certificates, self.role, listening))
-        if not listening:
-            if self.user is not None:
-                found["transport/auth/usrpwd/user"] = self.user
-                found["transport/auth/usrpwd/password"] = self.password
-            return found
-        names = None
-        if self.users is not None:
-            names = list(read_users(self.users))
-            found["transport/auth/usrpwd/dictionary_file"] = str(self.users.absolute())
-        roles = subjects(self.certificates is not None, names)
-        if roles:
-            found["access_control"] = access_control(roles, namespace)
-        return found
-
     def of_local_actors(self) -> Security | None:
         """What the actors need that the learner's own program starts; None for nothing.
 
@@ -112,6 +93,29 @@ class Security:
             if role_of(user) == "actor":
                 return replace(actor, user=user, password=password)
         raise UserError(f"{self.users}: has no user called actor or actor-NAME for the actors here")
+
+
+def settings(security: Security, listening: bool = False, namespace: str = "") -> dict[str, Any]:
+    """The zenoh settings, path to value, without the overlay; ``check`` comes before.
+
+    Unchecked, a connecting side without its own certificate shows none.
+    """
+    found: dict[str, Any] = {}
+    if security.certificates is not None:
+        found.update(_tls(security.certificates, security.role, listening))
+    if not listening:
+        if security.user is not None:
+            found["transport/auth/usrpwd/user"] = security.user
+            found["transport/auth/usrpwd/password"] = security.password
+        return found
+    names = None
+    if security.users is not None:
+        names = list(read_users(security.users))
+        found["transport/auth/usrpwd/dictionary_file"] = str(security.users.absolute())
+    roles = subjects(security.certificates is not None, names)
+    if roles:
+        found["access_control"] = access_control(roles, (namespace,))
+    return found
 
 
 def parse_endpoint(endpoint: str) -> tuple[str, str, int]:
@@ -224,16 +228,17 @@ def _read(path: Path) -> str:
 
 def _tls(folder: Path, role: str, listening: bool) -> dict[str, Any]:
     folder = folder.absolute()
+    own = {"certificate": folder / f"{role}.pem", "private_key": folder / f"{role}.key"}
     found: dict[str, Any] = {
         f"{_TLS}/root_ca_certificate": str(folder / "ca.pem"),
-        f"{_TLS}/enable_mtls": True,
         f"{_TLS}/verify_name_on_connect": True,
         f"{_TLS}/close_link_on_expiration": True,
         "transport/link/protocols": ["tls"],
     }
-    for side in ("listen", "connect") if listening else ("connect",):
-        found[f"{_TLS}/{side}_certificate"] = str(folder / f"{role}.pem")
-        found[f"{_TLS}/{side}_private_key"] = str(folder / f"{role}.key")
+    if listening or own["certificate"].exists():
+        found[f"{_TLS}/enable_mtls"] = True
+        for side in ("listen", "connect") if listening else ("connect",):
+            found |= {f"{_TLS}/{side}_{what}": str(path) for what, path in own.items()}
     return found
 
 

@@ -14,19 +14,21 @@ from lndrl.errors import UserError
 from lndrl.transport.security import Security, check_exposure
 
 
-def build(settings: Mapping[str, Any], security: Security) -> zenoh.Config:
-    """The configuration of ``settings`` (path to value); raises UserError for what is not safe.
+def build(settings: Mapping[str, Any], security: Security | None = None) -> zenoh.Config:
+    """The configuration of ``settings`` (path to value) and the overlay of ``security``.
 
-    An overlay is merged key by key; its lists replace ours.
+    Raises UserError for what is not safe, unless there is no ``security`` to ask. An overlay is
+    merged key by key; its lists replace ours.
     """
     nested: dict[str, Any] = {}
     for path, value in settings.items():
         nested = merged(nested, _at(path.split("/"), value))
-    if security.overlay is not None:
+    if security is not None and security.overlay is not None:
         overlay = read_overlay(security.overlay)
         nested = merged(nested, overlay)
         _check(overlay, security.overlay)
-    check_exposure(nested, security.insecure)
+    if security is not None:
+        check_exposure(nested, security.insecure)
     return zenoh.Config.from_json5(json.dumps(nested))
 
 
@@ -56,8 +58,9 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
     result = dict(below)
     for key, value in above.items():
         old = result.get(key)
-        both = isinstance(old, Mapping) and isinstance(value, Mapping)
-        result[key] = merged(old, value) if both else value
+        if isinstance(old, Mapping) and isinstance(value, Mapping):
+            value = merged(old, value)
+        result[key] = value
     return result
 
 

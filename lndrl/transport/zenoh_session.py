@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zenoh
@@ -18,6 +18,7 @@ import zenoh
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.security import Security, parse_endpoint
+from lndrl.transport.security import settings as settings_of
 from lndrl.transport.zenoh_config import build
 
 CLOSE_SECONDS = 3.0
@@ -177,14 +178,14 @@ def open_listening(
     security.check(endpoint, listening=True)
     settings = {
         **_common(config),
-        **security.settings(True, config.namespace),
+        **settings_of(security, True, config.namespace),
         "mode": "router",
         "listen/endpoints": [endpoint],
         "listen/exit_on_failure": True,
         "transport/unicast/max_sessions": 4096,
     }
     try:
-        return ZenohSession(_open(build(settings, security), 10.0))
+        return ZenohSession(_open(settings, 10.0, security))
     except (zenoh.ZError, UnreachableError) as error:
         text = str(error)
     if "in use" in text:
@@ -209,7 +210,7 @@ def open_connecting(
     security.check(endpoint, listening=False)
     settings = {
         **_common(config),
-        **security.settings(False),
+        **settings_of(security),
         "mode": "client",
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": max(1, int(timeout * 1000)),
@@ -222,7 +223,7 @@ def open_connecting(
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
     try:
-        return ZenohSession(_open(build(settings, security), timeout))
+        return ZenohSession(_open(settings, timeout, security))
     except zenoh.ZError as error:
         raise UnreachableError(str(error)) from None
 
@@ -250,7 +251,10 @@ def _common(config: TransportConfig) -> dict[str, Any]:
     }
 
 
-def _open(built: zenoh.Config, timeout: float) -> zenoh.Session:
+def _open(
+    settings: Mapping[str, Any], timeout: float, security: Security | None = None
+) -> zenoh.Session:
+    built = build(settings, security)
     result: list[Any] = []
     abandoned = threading.Event()
 
