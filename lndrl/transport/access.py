@@ -135,13 +135,17 @@ def _rules(role: str, namespaces: Sequence[str]) -> list[dict[str, Any]]:
             for message in messages:
                 found = keys.setdefault((flow, message), [])
                 found += [in_namespace(right.key, namespace) for namespace in namespaces]
+    # What has the same keys in one direction becomes one rule, so that people can read the files.
+    alike: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (flow, message), expressions in keys.items():
+        alike.setdefault((flow, tuple(expressions)), []).append(message)
     return [
         {
-            "id": f"{role} {flow} {message}",
+            "id": f"{role} {flow} {' '.join(messages)}",
             "permission": "allow",
             "flows": [flow],
-            "messages": [message],
-            "key_exprs": expressions,
+            "messages": messages,
+            "key_exprs": list(expressions),
         }
-        for (flow, message), expressions in keys.items()
+        for (flow, expressions), messages in alike.items()
     ]
