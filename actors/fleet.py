@@ -85,7 +85,7 @@ class Fleet:
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
         self._namespace = namespace
         # Plain, because a worker may import nothing before it has limited its threads.
-        self._security = None if security is None else vars(security)
+        self._security = None if security is None else dict(vars(security))
         self._name = name
         self._slots = [_Slot(i, f"{name}-{i:03d}") for i in range(count)]
         self._leaving: list[tuple[_Slot, float]] = []  # with the monotonic s of patience's end

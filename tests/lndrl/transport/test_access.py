@@ -500,6 +500,33 @@ def test_two_runs_share_a_router(kind, tmp_path) -> None:
         router.close()
 
 
+def test_a_router_that_restarts_is_found_again(tmp_path) -> None:
+    site = Site("users", tmp_path, router=True)
+    open_router = {
+        "mode": "router",
+        "scouting/multicast/enabled": False,
+        "listen/endpoints": [site.config.endpoint],
+        **settings(Security("learner", users=site.users), listening=True),
+    }
+    router = _open(open_router, 20.0)
+    try:
+        site.learner()
+        actor = open_actor(site.config.endpoint, site.config, site.security("actor"))
+        site.open.append(actor)
+        actor.hello(GREETING, 20)
+        send(actor, 1)
+        assert actor.flush(20)
+        router.close()
+        send(actor, 2)
+        assert not actor.flush(0.5)
+        router = _open(open_router, 20.0)
+        assert actor.flush(30)
+        assert site.handlers.sequences == [1, 2]
+    finally:
+        site.close()
+        router.close()
+
+
 def test_a_router_that_is_not_there_is_a_sentence(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("lndrl.transport.zenoh_learner.JOIN_SECONDS", 0.5)
     config = TransportConfig(endpoint=free_endpoint(), router=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import threading
@@ -25,7 +26,7 @@ from lndrl.transport import (
     open_learner,
     open_viewer,
 )
-from lndrl.transport.keys import ANNOUNCE, UPLOAD
+from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD
 from lndrl.transport.messages import decode
 from lndrl.transport.security import Security
 from lndrl.transport.zenoh_session import open_connecting
@@ -240,6 +241,24 @@ def test_garbage_is_refused_and_the_learner_lives_on():
     finally:
         stranger.close()
         actor.close()
+        learner.close()
+
+
+def test_a_ping_names_the_run_once_the_status_does():
+    config = settings()
+    learner = open_learner(config)
+    stranger = open_connecting(config.endpoint, config, 5)
+    try:
+        learner.start(CountingHandlers())
+
+        def run_id() -> str:
+            return json.loads(stranger.query(PING, timeout=5).payload.to_bytes())["run_id"]
+
+        assert run_id() == ""
+        learner.publish_status({"run_id": "first-1"}, [])
+        assert run_id() == "first-1"
+    finally:
+        stranger.close()
         learner.close()
 
 
