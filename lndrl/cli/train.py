@@ -67,8 +67,16 @@ def train(
     insecure: Insecure = False,
 ) -> None:
     """Train a policy on this machine: one learner and its actors."""
-    if serial and (listen or dashboard):
-        option = "--listen" if listen else "--dashboard"
+    network = {
+        "--listen": listen,
+        "--dashboard": dashboard,
+        "--certs": certs,
+        "--users": users,
+        "--zenoh": zenoh,
+        "--insecure": insecure,
+    }
+    if serial and any(network.values()):
+        option = next(name for name, value in network.items() if value)
         raise UserError(f"{option} does not go with --serial, which nothing can attach to")
     check_checkpoint(checkpoint, resume)
     overrides = run_overrides(settings, steps, device, listen)

@@ -249,6 +249,7 @@ def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsy
         ("learner run.yaml --checkpoint step-000000064", "--checkpoint goes with --resume"),
         ("train run.yaml --serial --dashboard", "--dashboard does not go with --serial"),
         ("train run.yaml --serial --listen tcp/0.0.0.0:1", "--listen does not go with --serial"),
+        ("train run.yaml --serial --certs certs", "--certs does not go with --serial"),
         ("train run.yaml --listen 7447", "--listen 7447: not an endpoint; write it like tcp/"),
         ("learner run.yaml --listen tcp/0.0.0.0", "needs a host and a port 1 to 65535"),
         ("learner run.yaml --listen tcp/h:99999", "needs a host and a port 1 to 65535"),

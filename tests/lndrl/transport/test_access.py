@@ -161,7 +161,7 @@ class Watcher:
     ``patience`` is how many s an effect may take; it ends early when there is one.
     """
 
-    def __init__(self, session: zenoh.Session, patience: float = 0.05) -> None:
+    def __init__(self, session: zenoh.Session, patience: float = 0.04) -> None:
         self.session, self.patience = session, patience
         self.heard: list[tuple[str, bytes]] = []
         self.asked: list[bytes] = []
@@ -415,7 +415,7 @@ def test_strangers_are_refused(site, tmp_path) -> None:
     for changes in strangers:
         security = dataclasses.replace(site.security("actor"), **changes)
         with pytest.raises(UnreachableError):
-            open_connecting(site.config.endpoint, site.config, 1.0, security)
+            open_connecting(site.config.endpoint, site.config, 0.6, security)
     site.session("actor")
 
 
@@ -427,7 +427,7 @@ def test_a_client_without_certificate_is_refused(tmp_path) -> None:
             "mode": "client",
             "scouting/multicast/enabled": False,
             "connect/endpoints": [site.config.endpoint],
-            "connect/timeout_ms": 1000,
+            "connect/timeout_ms": 600,
             "transport/link/tls/root_ca_certificate": str(site.certificates / "ca.pem"),
         }
         with pytest.raises(zenoh.ZError):
@@ -457,7 +457,7 @@ def test_an_actor_checks_the_name_of_the_learner(tmp_path) -> None:
         site.learner()
         endpoint = site.config.endpoint.replace("127.0.0.1", "localhost")
         with pytest.raises(UnreachableError):
-            open_connecting(endpoint, site.config, 1.0, site.security("actor"))
+            open_connecting(endpoint, site.config, 0.6, site.security("actor"))
     finally:
         site.close()
 
