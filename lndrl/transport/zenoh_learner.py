@@ -5,6 +5,7 @@ Every kind of question has its own thread, so a stalled upload never delays the 
 
 from __future__ import annotations
 
+import logging
 import threading
 from typing import Any
 
@@ -28,6 +29,7 @@ from lndrl.transport.zenoh_session import (
 CAPACITY = 4096
 ANNOUNCE_SECONDS = 1.0
 JOIN_SECONDS = 10.0
+logger = logging.getLogger(__name__)
 
 
 class UploadQueue:
@@ -151,12 +153,15 @@ class ZenohLearner:
     def _take_uploads(self) -> None:
         while (query := self._uploads.get()) is not None:
             with query:
-                answer = self._desk.answer_chunk(_bytes(query))
                 try:
+                    answer = self._desk.answer_chunk(_bytes(query))
                     query.reply(query.key_expr, answer)
                 except zenoh.ZError:
                     # The actor left or the session closes; an actor that lives sends again.
                     continue
+                except Exception:
+                    # This thread is the only one that takes uploads in.
+                    logger.exception("an upload could not be answered")
 
     def _on_weights(self, query: zenoh.Query) -> None:
         with query:

@@ -244,6 +244,30 @@ def test_garbage_is_refused_and_the_learner_lives_on():
         learner.close()
 
 
+def test_an_upload_that_breaks_the_desk_is_not_the_last():
+    config = settings()
+    handlers = CountingHandlers()
+    learner, actor = open_learner(config), open_actor(config.endpoint, config)
+    right, broken = learner._desk.answer_chunk, [True]
+
+    def answer(data: bytes) -> bytes:
+        if broken:
+            broken.pop()
+            raise RuntimeError("a bug")
+        return right(data)
+
+    learner._desk.answer_chunk = answer
+    try:
+        learner.start(handlers)
+        actor.hello(HELLO, 5)
+        send(actor, 1)
+        assert actor.flush(20)
+        assert handlers.sequences == [1]
+    finally:
+        actor.close()
+        learner.close()
+
+
 def test_a_ping_names_the_run_once_the_status_does():
     config = settings()
     learner = open_learner(config)
