@@ -26,9 +26,13 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from typing import TYPE_CHECKING
 
 from actors import worker
 from actors.worker import STOP_SIGNALS, WorkerOptions
+
+if TYPE_CHECKING:
+    from lndrl.transport import Security
 
 BACKOFF_FIRST, BACKOFF_MOST = 0.5, 8.0
 HEALTHY_AFTER = 60.0
@@ -70,6 +74,8 @@ class Fleet:
         worlds: int | None = None,
         device: str = "cpu",
         log: Callable[[str], None] = LOGGER.info,
+        security: Security | None = None,
+        namespace: str = "",
     ) -> None:
         if count < 1:
             raise ValueError(f"a fleet needs at least 1 actor, not {count}")
@@ -77,6 +83,9 @@ class Fleet:
         self.restarts = 0
         self.error = ""
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
+        self._namespace = namespace
+        # Plain, because a worker may import nothing before it has limited its threads.
+        self._security = None if security is None else dict(vars(security))
         self._name = name
         self._slots = [_Slot(i, f"{name}-{i:03d}") for i in range(count)]
         self._leaving: list[tuple[_Slot, float]] = []  # with the monotonic s of patience's end
@@ -183,6 +192,8 @@ class Fleet:
             device=self._device,
             patient=self._joined,
             parent=os.getpid(),
+            namespace=self._namespace,
+            security=self._security,
         )
         slot.channel, theirs = context.Pipe(duplex=False)
         slot.process = context.Process(
@@ -229,7 +240,14 @@ class Fleet:
         slot.joined = False
 
 
-def run_fleet(endpoint: str, count: int, worlds: int | None = None, device: str = "cpu") -> int:
+def run_fleet(
+    endpoint: str,
+    count: int,
+    worlds: int | None = None,
+    device: str = "cpu",
+    security: Security | None = None,
+    namespace: str = "",
+) -> int:
     """Run N actors in the foreground until the run is done, Ctrl-C or SIGTERM.
 
     Returns the exit code: 0 done or asked to stop, 2 an error that the user can mend, whose
@@ -237,7 +255,9 @@ def run_fleet(endpoint: str, count: int, worlds: int | None = None, device: str 
     """
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in STOP_SIGNALS}
-    fleet = Fleet(endpoint, count, worlds, device, log=_print)
+    fleet = Fleet(
+        endpoint, count, worlds, device, log=_print, security=security, namespace=namespace
+    )
     code: int | None = None
     try:
         fleet.start()

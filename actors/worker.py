@@ -13,8 +13,9 @@ import sys
 import threading
 import time
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from typing import Any
 
 LEAVE_WITHIN = 1.5
 """Seconds between a request to stop and a hard exit; only an unfinished chunk is lost."""
@@ -37,7 +38,8 @@ class WorkerOptions:
     ``worlds`` None leaves the number to the learner's configuration, where auto means as fits a
     fleet of ``siblings`` actors. ``patient`` makes an
     unreachable learner something to wait for rather than an error. ``parent`` is the process
-    without which the worker ends.
+    without which the worker ends. ``security`` holds the fields of a ``transport.Security``; it
+    comes through a pipe, because command lines and environments can be read by others.
     """
 
     endpoint: str
@@ -47,6 +49,8 @@ class WorkerOptions:
     device: str
     patient: bool
     parent: int
+    namespace: str = ""
+    security: dict[str, Any] | None = field(default=None, repr=False)
 
 
 class Report:
@@ -95,9 +99,12 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
 
     try:
         from actors.actor import Actor
-        from lndrl.transport import open_actor
+        from lndrl.config import TransportConfig
+        from lndrl.transport import Security, open_actor
 
-        endpoint = open_actor(options.endpoint)
+        transport = TransportConfig(endpoint=options.endpoint, namespace=options.namespace)
+        security = None if options.security is None else Security(**options.security)
+        endpoint = open_actor(options.endpoint, transport, security)
         try:
             actor = Actor(
                 endpoint,

@@ -11,7 +11,7 @@ from learner.learner import Learner
 from learner.record import RunSummary
 from learner.status import StatusThread
 from lndrl.config import RunConfig
-from lndrl.transport import open_learner
+from lndrl.transport import Security, open_learner
 
 _GOODBYE = 5.0  # s for actors to hear that the run is done
 
@@ -25,6 +25,7 @@ def run_learner(
     checkpoint: str | None = None,
     quiet: bool = False,
     on_ready: Callable[[Learner], None] = lambda learner: None,
+    security: Security | None = None,
 ) -> RunSummary:
     """Serve one training run until it is finished or ``stop`` is set; returns its summary.
 
@@ -36,7 +37,7 @@ def run_learner(
     if endpoint is not None:
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
-    door = open_learner(config.transport)
+    door = open_learner(config.transport, security=security)
     try:
         learner = Learner(config, path, door, resume, checkpoint, quiet)
         learner.events.add("listen", config.transport.endpoint)

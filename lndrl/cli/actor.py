@@ -7,12 +7,23 @@ from typing import Annotated
 import typer
 
 from lndrl.cli.options import check_device, check_endpoint, count_or_auto
+from lndrl.cli.security import (
+    Certificates,
+    Namespace,
+    PasswordFile,
+    User,
+    ZenohFile,
+    client_transport,
+    connecting,
+)
 
 
 def actor(
     connect: Annotated[
         str,
-        typer.Option("--connect", metavar="ENDPOINT", help="The learner, tcp/HOST:PORT."),
+        typer.Option(
+            "--connect", metavar="ENDPOINT", help="The learner, tcp/HOST:PORT or tls/HOST:PORT."
+        ),
     ],
     count: Annotated[
         str,
@@ -32,13 +43,23 @@ def actor(
     device: Annotated[
         str, typer.Option("--device", help="Where the policy runs: cpu, cuda, cuda:0 or auto.")
     ] = "cpu",
+    certs: Certificates = None,
+    user: User = None,
+    password_file: PasswordFile = None,
+    namespace: Namespace = None,
+    zenoh: ZenohFile = None,
 ) -> None:
     """Run actors that simulate worlds for a learner; the learner hands them the configuration."""
     check_endpoint(connect, "--connect")
     check_device(device)
+    transport = client_transport(connect, namespace)
+    security = connecting("actor", certs, user, password_file, zenoh)
+    security.check(connect, listening=False)
 
     from actors.balance import usable_cores
     from actors.fleet import run_fleet
 
     number = usable_cores() if count == "auto" else int(count)
-    raise typer.Exit(run_fleet(connect, number, worlds, device))
+    raise typer.Exit(
+        run_fleet(connect, number, worlds, device, security=security, namespace=transport.namespace)
+    )

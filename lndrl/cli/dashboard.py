@@ -9,6 +9,15 @@ from typing import Annotated
 import typer
 
 from lndrl.cli.options import check_endpoint
+from lndrl.cli.security import (
+    Certificates,
+    Namespace,
+    PasswordFile,
+    User,
+    ZenohFile,
+    client_transport,
+    connecting,
+)
 
 
 def dashboard(
@@ -19,6 +28,11 @@ def dashboard(
     json: Annotated[
         bool, typer.Option("--json", help="Print a JSON object per update instead of drawing.")
     ] = False,
+    certs: Certificates = None,
+    user: User = None,
+    password_file: PasswordFile = None,
+    namespace: Namespace = None,
+    zenoh: ZenohFile = None,
 ) -> None:
     """Watch a running learner from another terminal.
 
@@ -32,7 +46,9 @@ def dashboard(
     from lndrl.view.live import json_line, show_json, show_lines, show_live, show_once
 
     endpoint = check_endpoint(connect, "--connect")
-    viewer = open_viewer(endpoint)
+    transport = client_transport(endpoint, namespace)
+    security = connecting("dashboard", certs, user, password_file, zenoh)
+    viewer = open_viewer(endpoint, transport, security)
     feed = None
     console = Console(highlight=False)
     try:
@@ -40,7 +56,7 @@ def dashboard(
         if once:
             print(json_line(news)) if json else show_once(news, console)
             return
-        feed = Feed(lambda: open_viewer(endpoint), viewer, news)
+        feed = Feed(lambda: open_viewer(endpoint, transport, security), viewer, news)
         if json:
             show_json(feed, _write)
         elif console.is_terminal and not console.is_dumb_terminal:

@@ -17,6 +17,18 @@ from lndrl.cli.options import (
     run_overrides,
 )
 from lndrl.cli.runs import choose_run
+from lndrl.cli.security import (
+    Certificates,
+    Insecure,
+    Namespace,
+    PasswordFile,
+    Router,
+    User,
+    Users,
+    ZenohFile,
+    of_learner,
+    transport_overrides,
+)
 from lndrl.cli.signals import stop_on_signals
 
 
@@ -29,15 +41,26 @@ def learner(
     settings: Settings = None,
     steps: Steps = None,
     device: LearnerDevice = None,
+    certs: Certificates = None,
+    users: Users = None,
+    router: Router = None,
+    user: User = None,
+    password_file: PasswordFile = None,
+    namespace: Namespace = None,
+    zenoh: ZenohFile = None,
+    insecure: Insecure = False,
 ) -> None:
     """Run only the learner; actors connect to it from anywhere."""
     check_checkpoint(checkpoint, resume)
     overrides = run_overrides(settings, steps, device, listen)
+    overrides += transport_overrides(listen, router, namespace)
     chosen, folder = choose_run(config, run, resume, overrides)
+    joins = chosen.transport.router
+    security = of_learner(joins, certs, users, zenoh, insecure, user, password_file)
 
     from learner.service import run_learner
 
     with stop_on_signals("the learner writes a checkpoint") as stop:
-        summary = run_learner(chosen, folder, resume, None, stop, checkpoint)
+        summary = run_learner(chosen, folder, resume, None, stop, checkpoint, security=security)
     typer.echo(str(summary))
     raise typer.Exit(stop.exit_code)

@@ -53,24 +53,24 @@ Listen = Annotated[
     typer.Option(
         "--listen",
         metavar="ENDPOINT",
-        help="Where actors and dashboards connect; tcp/127.0.0.1:7447 unless configured.",
+        help="Where actors and dashboards connect; tcp/127.0.0.1:7447 unless configured."
+        " Other machines need tls/HOST:PORT and --certs.",
     ),
 ]
 
-_SCHEMES = ("tcp", "tls", "quic", "ws", "unixsock-stream")
+_SCHEMES = ("tcp", "tls")
 _DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
 
 def check_endpoint(endpoint: str, option: str) -> str:
-    """``endpoint`` if it reads like tcp/HOST:PORT; raises UserError otherwise."""
+    """``endpoint`` if it reads like tcp/HOST:PORT or tls/HOST:PORT; raises UserError otherwise."""
     scheme, slash, address = endpoint.partition("/")
     example = "write it like tcp/127.0.0.1:7447"
     if not slash or scheme not in _SCHEMES or not address:
         raise UserError(f"{option} {endpoint}: not an endpoint; {example}")
-    if scheme != "unixsock-stream":
-        host, colon, port = address.rpartition(":")
-        if not colon or not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
-            raise UserError(f"{option} {endpoint}: needs a host and a port 1 to 65535; {example}")
+    host, colon, port = address.rpartition(":")
+    if not colon or not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+        raise UserError(f"{option} {endpoint}: needs a host and a port 1 to 65535; {example}")
     return endpoint
 
 
@@ -93,6 +93,8 @@ def run_overrides(
         overrides.append(learner_device(device))
     if listen is not None:
         overrides.append(f"transport.endpoint={check_endpoint(listen, '--listen')}")
+        # A run that is resumed may have been behind a router before.
+        overrides.append("transport.router=false")
     return overrides
 
 

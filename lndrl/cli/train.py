@@ -21,6 +21,15 @@ from lndrl.cli.options import (
     run_overrides,
 )
 from lndrl.cli.runs import choose_run
+from lndrl.cli.security import (
+    Certificates,
+    Insecure,
+    Namespace,
+    Users,
+    ZenohFile,
+    of_learner,
+    transport_overrides,
+)
 from lndrl.cli.signals import stop_on_signals
 from lndrl.errors import UserError
 
@@ -51,13 +60,27 @@ def train(
         bool | None,
         typer.Option("--dashboard/--no-dashboard", help="Draw the run; default: in a terminal."),
     ] = None,
+    certs: Certificates = None,
+    users: Users = None,
+    namespace: Namespace = None,
+    zenoh: ZenohFile = None,
+    insecure: Insecure = False,
 ) -> None:
     """Train a policy on this machine: one learner and its actors."""
-    if serial and (listen or dashboard):
-        option = "--listen" if listen else "--dashboard"
+    network = {
+        "--listen": listen,
+        "--dashboard": dashboard,
+        "--certs": certs,
+        "--users": users,
+        "--zenoh": zenoh,
+        "--insecure": insecure,
+    }
+    if serial and any(network.values()):
+        option = next(name for name, value in network.items() if value)
         raise UserError(f"{option} does not go with --serial, which nothing can attach to")
     check_checkpoint(checkpoint, resume)
     overrides = run_overrides(settings, steps, device, listen)
+    overrides += transport_overrides(listen, None, namespace)
     if actors is not None:
         overrides.append(f"actor.count={actors}")
     chosen, folder = choose_run(config, run, resume, overrides)
@@ -68,6 +91,9 @@ def train(
             summary = training.train_serially(chosen, folder, resume, checkpoint, stop)
         else:
             drawn = sys.stdout.isatty() if dashboard is None else dashboard
-            summary = training.train_locally(chosen, folder, resume, checkpoint, drawn, stop)
+            security = of_learner(chosen.transport.router, certs, users, zenoh, insecure)
+            summary = training.train_locally(
+                chosen, folder, resume, checkpoint, drawn, stop, security=security
+            )
     typer.echo(str(summary))
     raise typer.Exit(stop.exit_code)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from learner.learner import Learner
     from learner.record import RunSummary
     from lndrl.cli.signals import Stop
+    from lndrl.transport import Security
     from lndrl.transport.status import Status
 
 _TICK = 0.25  # s between looks at the fleet and redraws
@@ -62,14 +63,16 @@ def train_locally(
     checkpoint: str | None,
     dashboard: bool,
     stop: Stop,
+    security: Security | None = None,
 ) -> RunSummary:
     """Train with the learner in this process and actors in others; returns the summary.
 
-    Draws the dashboard when asked to, else prints a line per update. Raises UserError when
-    learner or actors cannot go on.
+    Draws the dashboard when asked to, else prints a line per update. ``security`` is the
+    learner's; the actors get theirs from it. Raises UserError when learner or actors cannot go on.
     """
     from learner.service import run_learner
 
+    actors = security.of_local_actors() if security is not None else None
     ready: list[Learner] = []
     outcome: list[RunSummary] = []
     failure: list[BaseException] = []
@@ -84,6 +87,7 @@ def train_locally(
                 checkpoint=checkpoint,
                 quiet=dashboard,
                 on_ready=ready.append,
+                security=security,
             )
             outcome.append(summary)
         except BaseException as error:
@@ -95,7 +99,7 @@ def train_locally(
         while not ready and thread.is_alive():
             time.sleep(0.02)
         if ready:
-            _supervise(config, ready[0], thread, dashboard, stop)
+            _supervise(config, ready[0], thread, dashboard, stop, actors)
     finally:
         stop.set()
         thread.join()
@@ -105,7 +109,12 @@ def train_locally(
 
 
 def _supervise(
-    config: RunConfig, learner: Learner, thread: threading.Thread, dashboard: bool, stop: Stop
+    config: RunConfig,
+    learner: Learner,
+    thread: threading.Thread,
+    dashboard: bool,
+    stop: Stop,
+    security: Security | None,
 ) -> None:
     """Keep the fleet alive and the picture fresh until the learner's thread ends."""
     from actors.balance import Balance, first_choice, usable_cores
@@ -119,7 +128,11 @@ def _supervise(
     # Threads start with the first update, which needs actors; half for each network.
     learner.ppo.threads = max(1, choice.learner_threads // 2)
     fleet = Fleet(
-        config.transport.endpoint, choice.actors, log=lambda t: learner.events.add("fleet", t)
+        reachable(config.transport.endpoint),
+        choice.actors,
+        log=lambda t: learner.events.add("fleet", t),
+        security=security,
+        namespace=config.transport.namespace,
     )
     adapts = config.actor.count == "auto" and config.learner.mode == "async"
     balance = Balance(most=cores) if adapts else None
@@ -142,6 +155,16 @@ def _supervise(
             show.update()
     finally:
         fleet.stop()
+
+
+def reachable(endpoint: str) -> str:
+    """Where this machine reaches a learner that listens at ``endpoint``.
+
+    No certificate is for 0.0.0.0 or [::].
+    """
+    for anywhere, here in (("/0.0.0.0:", "/127.0.0.1:"), ("/[::]:", "/[::1]:")):
+        endpoint = endpoint.replace(anywhere, here)
+    return endpoint
 
 
 def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:

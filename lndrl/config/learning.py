@@ -125,7 +125,21 @@ class TransportConfig(Model):
     """Zenoh between learner, actors and dashboards."""
 
     endpoint: str = Field("tcp/127.0.0.1:7447", description="loopback unless asked otherwise")
+    router: bool = Field(
+        False, description="endpoint is a zenoh router that the learner joins instead of listening"
+    )
+    namespace: str = Field("", description="before every key, so that runs can share a router")
     upload_timeout: Positive = Field(20.0, description="s until an upload is sent again")
     upload_window: Count = Field(2, description="uploads in flight per actor")
     lease: Positive = Field(3.0, description="s until a silent peer counts as gone")
     max_message_megabytes: Count = 256
+
+    @field_validator("namespace")
+    @classmethod
+    def _plain_namespace(cls, namespace: str) -> str:
+        word = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
+        if not re.fullmatch(rf"({word}(/{word})*)?", namespace):
+            raise ValueError(
+                f"{namespace!r} is not a namespace; write letters, digits, _ . and -, e.g. lab/run1"
+            )
+        return namespace

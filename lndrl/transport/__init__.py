@@ -30,6 +30,7 @@ from lndrl.transport.messages import (
     pack,
     unpack,
 )
+from lndrl.transport.security import Security
 
 __all__ = [
     "NO_WEIGHTS",
@@ -46,6 +47,7 @@ __all__ = [
     "MemoryNetwork",
     "MessageError",
     "Refusal",
+    "Security",
     "ViewerEndpoint",
     "WeightsAnnouncement",
     "WeightsGoneError",
@@ -59,25 +61,34 @@ __all__ = [
 ]
 
 
-def open_learner(config: TransportConfig, run_id: str = "") -> LearnerEndpoint:
-    """Listen at ``config.endpoint``; raises UserError when the port is taken or the address bad."""
+def open_learner(
+    config: TransportConfig, run_id: str = "", security: Security | None = None
+) -> LearnerEndpoint:
+    """Listen at ``config.endpoint``; raises UserError when the port is taken or the address bad.
+
+    Without ``security`` plain TCP, and loopback only.
+    """
     from lndrl.transport.zenoh_learner import ZenohLearner
 
-    return ZenohLearner(config, run_id)
+    return ZenohLearner(config, run_id, security)
 
 
-def open_actor(endpoint: str, config: TransportConfig | None = None) -> ActorEndpoint:
+def open_actor(
+    endpoint: str, config: TransportConfig | None = None, security: Security | None = None
+) -> ActorEndpoint:
     """An actor of the learner at ``endpoint``; raises UserError for a bad address."""
     from lndrl.transport.zenoh_actor import ZenohActor
 
-    return ZenohActor(endpoint, config)
+    return ZenohActor(endpoint, config, security)
 
 
-def open_viewer(endpoint: str, config: TransportConfig | None = None) -> ViewerEndpoint:
+def open_viewer(
+    endpoint: str, config: TransportConfig | None = None, security: Security | None = None
+) -> ViewerEndpoint:
     """A dashboard of the learner at ``endpoint``; raises UserError for a bad address."""
     from lndrl.transport.zenoh_viewer import ZenohViewer
 
-    return ZenohViewer(endpoint, config)
+    return ZenohViewer(endpoint, config, security)
 
 
 def free_endpoint(host: str = "127.0.0.1") -> str:

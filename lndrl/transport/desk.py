@@ -28,6 +28,7 @@ from lndrl.transport.messages import (
     digest,
     encode,
 )
+from lndrl.version import VERSION
 
 KEPT_VERSIONS = 2
 logger = logging.getLogger(__name__)
@@ -36,9 +37,10 @@ logger = logging.getLogger(__name__)
 class LearnerDesk:
     """Decodes questions, asks the handlers, stamps and encodes answers; keeps weights, status."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: Limits, run_id: str = "") -> None:
         self.incarnation = secrets.token_hex(8)
         self.limits = limits
+        self.run_id = run_id
         self.handlers: LearnerHandlers | None = None
         self._lock = threading.Lock()
         self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
@@ -71,6 +73,15 @@ class LearnerDesk:
                 learner_incarnation=self.incarnation,
             )
         return encode(answer)
+
+    def answer_ping(self) -> bytes:
+        """Versions and run as JSON, for whoever wonders what answers here."""
+        with self._lock:
+            snapshot = self._status[0] if self._status is not None else {}
+        # A service takes its port before it makes the run; then only the status knows the name.
+        run_id = self.run_id or snapshot.get("run_id", "")
+        versions = {"program_version": VERSION, "protocol": PROTOCOL_VERSION}
+        return to_json({**versions, "run_id": run_id})
 
     def answer_chunk(self, data: bytes) -> bytes:
         """Ack to an encoded chunk; malformed ones are refused here, handlers may block."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.interface import LearnerUnreachableError, WeightsGoneError
+from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, UPLOAD, WEIGHTS
 from lndrl.transport.ledger import Entry, Ledger
 from lndrl.transport.messages import (
     Ack,
@@ -33,18 +34,14 @@ from lndrl.transport.messages import (
     digest,
     encode,
 )
+from lndrl.transport.security import Security, parse_endpoint
 from lndrl.transport.zenoh_session import (
-    ACTORS,
-    ANNOUNCE,
-    HELLO,
-    UPLOAD,
-    WEIGHTS,
     ExitGuard,
     UnreachableError,
     ZenohSession,
+    cure,
     first_answer,
     open_connecting,
-    parse_endpoint,
 )
 
 REST = 0.2
@@ -56,8 +53,15 @@ logger = logging.getLogger(__name__)
 class ZenohActor:
     """See ``ActorEndpoint``. The network is first touched by ``hello``."""
 
-    def __init__(self, endpoint: str, config: TransportConfig | None = None) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        config: TransportConfig | None = None,
+        security: Security | None = None,
+    ) -> None:
         parse_endpoint(endpoint)
+        self._security = security or Security("actor")
+        self._security.check(endpoint, listening=False)
         self._endpoint = endpoint
         self._config = config or TransportConfig(endpoint=endpoint)
         self._ledger = Ledger(self._config.upload_window)
@@ -79,7 +83,7 @@ class ZenohActor:
         if answer is None:
             raise LearnerUnreachableError(
                 f"no learner answers at {self._endpoint} (waited {timeout:g} s);"
-                " start one there or correct the address"
+                f" {cure(self._security)}"
             )
         if isinstance(answer, Refusal):
             raise UserError(f"the learner at {self._endpoint} refused: {answer.reason}")
@@ -187,7 +191,7 @@ class ZenohActor:
                 with self._opening:
                     try:
                         if self._session is None:
-                            self._session = open_connecting(self._endpoint, self._config, left)
+                            self._session = self._connect(left)
                     except UnreachableError:
                         return None
                 continue
@@ -202,6 +206,9 @@ class ZenohActor:
                 return answer
             time.sleep(min(REST, left))
         return None
+
+    def _connect(self, timeout: float) -> ZenohSession:
+        return open_connecting(self._endpoint, self._config, timeout, self._security)
 
     def _ask(self, key: str, payload: bytes, timeout: float) -> zenoh.Sample | None:
         session = self._session
@@ -280,8 +287,12 @@ class ZenohActor:
             self._session = None
             logger.warning("no answer from %s; connecting anew", self._endpoint)
             try:
-                session = open_connecting(self._endpoint, self._config, REOPEN_SECONDS)
+                session = self._connect(REOPEN_SECONDS)
             except UnreachableError:
+                return
+            except UserError as error:
+                # Certificates that are being renewed may be missing for a moment.
+                logger.warning("%s", error)
                 return
             self._session = session
             self._failures = 0

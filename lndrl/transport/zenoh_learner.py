@@ -5,28 +5,31 @@ Every kind of question has its own thread, so a stalled upload never delays the 
 
 from __future__ import annotations
 
+import logging
 import threading
 from typing import Any
 
 import zenoh
 
 from lndrl.config import TransportConfig
+from lndrl.errors import UserError
 from lndrl.transport.desk import LearnerDesk, to_json
 from lndrl.transport.interface import LearnerHandlers
+from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import NO_WEIGHTS, Limits, encode
+from lndrl.transport.security import Security
 from lndrl.transport.zenoh_session import (
-    ACTORS,
-    ANNOUNCE,
-    HELLO,
-    STATUS,
-    UPLOAD,
-    WEIGHTS,
     ExitGuard,
+    UnreachableError,
+    ZenohSession,
+    open_connecting,
     open_listening,
 )
 
 CAPACITY = 4096
 ANNOUNCE_SECONDS = 1.0
+JOIN_SECONDS = 10.0
+logger = logging.getLogger(__name__)
 
 
 class UploadQueue:
@@ -72,18 +75,26 @@ class UploadQueue:
 
 
 class ZenohLearner:
-    """See ``LearnerEndpoint``. Opening it occupies the port; raises UserError when it cannot."""
+    """See ``LearnerEndpoint``. Opening it occupies the port; raises UserError when it cannot.
 
-    def __init__(self, config: TransportConfig, run_id: str = "") -> None:
-        self.run_id = run_id
+    With ``config.router`` it occupies no port but joins the router at ``config.endpoint``, where
+    it must be the only learner of its namespace.
+    """
+
+    def __init__(
+        self, config: TransportConfig, run_id: str = "", security: Security | None = None
+    ) -> None:
         self.endpoint = config.endpoint
-        self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20))
+        self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20), run_id)
         self.incarnation = self._desk.incarnation
         self._uploads = UploadQueue()
         self._news = threading.Event()
         self._entities: list[Any] = []
         self._payload: tuple[int, zenoh.ZBytes] | None = None
-        self._session = open_listening(config.endpoint, config)
+        if config.router:
+            self._session = _join(config, security or Security("learner"))
+        else:
+            self._session = open_listening(config.endpoint, config, security)
         self._guard = ExitGuard(self.close)
 
     def start(self, handlers: LearnerHandlers) -> None:
@@ -100,6 +111,7 @@ class ZenohLearner:
             ("announce", ANNOUNCE, self._on_announce),
             ("weights", WEIGHTS, self._on_weights),
             ("intake", f"{UPLOAD}/**", self._uploads.put),
+            ("ping", PING, self._on_ping),
             ("hello", HELLO, self._on_hello),
         ):
             queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
@@ -134,15 +146,22 @@ class ZenohLearner:
         with query:
             query.reply(HELLO, self._desk.answer_hello(_bytes(query)))
 
+    def _on_ping(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(PING, self._desk.answer_ping())
+
     def _take_uploads(self) -> None:
         while (query := self._uploads.get()) is not None:
             with query:
-                answer = self._desk.answer_chunk(_bytes(query))
                 try:
+                    answer = self._desk.answer_chunk(_bytes(query))
                     query.reply(query.key_expr, answer)
                 except zenoh.ZError:
                     # The actor left or the session closes; an actor that lives sends again.
                     continue
+                except Exception:
+                    # This thread is the only one that takes uploads in.
+                    logger.exception("an upload could not be answered")
 
     def _on_weights(self, query: zenoh.Query) -> None:
         with query:
@@ -197,6 +216,24 @@ class ZenohLearner:
         except zenoh.ZError:
             if not self._session.closing:
                 raise
+
+
+def _join(config: TransportConfig, security: Security) -> ZenohSession:
+    endpoint, namespace = config.endpoint, config.namespace
+    try:
+        session = open_connecting(endpoint, config, JOIN_SECONDS, security)
+    except UnreachableError:
+        raise UserError(
+            f"the router at {endpoint} does not answer, or refuses this learner's certificate or"
+            " user; start it or correct the address"
+        ) from None
+    if session.query(PING, timeout=1.0) is not None:
+        session.close()
+        place = f"in namespace {namespace}" if namespace else "without a namespace"
+        raise UserError(
+            f"another learner {place} is at the router {endpoint}; give each its own --namespace"
+        )
+    return session
 
 
 def _bytes(query: zenoh.Query) -> bytes:

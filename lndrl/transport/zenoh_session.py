@@ -7,28 +7,27 @@ queries; a thread that is inside Zenoh while the interpreter ends aborts the pro
 
 from __future__ import annotations
 
-import json
 import logging
-import re
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.transport.keys import ACTORS as ACTORS
+from lndrl.transport.keys import ANNOUNCE as ANNOUNCE
+from lndrl.transport.keys import HELLO as HELLO
+from lndrl.transport.keys import PREFIX as PREFIX
+from lndrl.transport.keys import STATUS as STATUS
+from lndrl.transport.keys import UPLOAD as UPLOAD
+from lndrl.transport.keys import WEIGHTS as WEIGHTS
+from lndrl.transport.security import Security, parse_endpoint
+from lndrl.transport.security import settings as settings_of
+from lndrl.transport.zenoh_config import build
 
-PREFIX = "lndrl"
-HELLO = f"{PREFIX}/hello"
-UPLOAD = f"{PREFIX}/upload"
-WEIGHTS = f"{PREFIX}/weights"
-ANNOUNCE = f"{PREFIX}/announce"
-STATUS = f"{PREFIX}/status"
-ACTORS = f"{PREFIX}/actors"
-
-ENDPOINT = re.compile(r"tcp/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_.\-]+):(\d{1,5})\Z")
 CLOSE_SECONDS = 3.0
 logger = logging.getLogger(__name__)
 
@@ -170,17 +169,6 @@ def first_answer(channel: Any) -> zenoh.Sample | None:
             return reply.ok
 
 
-def parse_endpoint(endpoint: str) -> tuple[str, int]:
-    """Host and port of ``tcp/HOST:PORT``; raises UserError."""
-    match = ENDPOINT.match(endpoint)
-    if match is None or not 0 < int(match[2]) < 65536:
-        raise UserError(
-            f"endpoint {endpoint!r} must look like tcp/HOST:PORT with a port from 1 to 65535,"
-            " e.g. tcp/127.0.0.1:7447"
-        )
-    return match[1], int(match[2])
-
-
 def free_endpoint(host: str = "127.0.0.1") -> str:
     """An endpoint on a port that is free at this moment."""
     with socket.socket() as probe:
@@ -188,18 +176,23 @@ def free_endpoint(host: str = "127.0.0.1") -> str:
         return f"tcp/{host}:{probe.getsockname()[1]}"
 
 
-def open_listening(endpoint: str, config: TransportConfig) -> ZenohSession:
+def open_listening(
+    endpoint: str, config: TransportConfig, security: Security | None = None
+) -> ZenohSession:
     """The learner's session, a router that listens; raises UserError when it cannot."""
-    host, port = parse_endpoint(endpoint)
+    security = security or Security("learner")
+    _, host, port = parse_endpoint(endpoint)
+    security.check(endpoint, listening=True)
     settings = {
         **_common(config),
+        **settings_of(security, True, config.namespace),
         "mode": "router",
         "listen/endpoints": [endpoint],
         "listen/exit_on_failure": True,
         "transport/unicast/max_sessions": 4096,
     }
     try:
-        return ZenohSession(_open(settings, 10.0))
+        return ZenohSession(_open(settings, 10.0, security))
     except (zenoh.ZError, UnreachableError) as error:
         text = str(error)
     if "in use" in text:
@@ -216,11 +209,15 @@ def open_listening(endpoint: str, config: TransportConfig) -> ZenohSession:
     raise UserError(f"endpoint {endpoint}: cannot listen ({text[:200]})")
 
 
-def open_connecting(endpoint: str, config: TransportConfig, timeout: float) -> ZenohSession:
+def open_connecting(
+    endpoint: str, config: TransportConfig, timeout: float, security: Security | None = None
+) -> ZenohSession:
     """A client's session; it reconnects by itself later. Raises UnreachableError, UserError."""
-    parse_endpoint(endpoint)
+    security = security or Security("actor")
+    security.check(endpoint, listening=False)
     settings = {
         **_common(config),
+        **settings_of(security),
         "mode": "client",
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": max(1, int(timeout * 1000)),
@@ -233,13 +230,24 @@ def open_connecting(endpoint: str, config: TransportConfig, timeout: float) -> Z
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
     try:
-        return ZenohSession(_open(settings, timeout))
+        return ZenohSession(_open(settings, timeout, security))
     except zenoh.ZError as error:
         raise UnreachableError(str(error)) from None
 
 
+def cure(security: Security) -> str:
+    """What to try when nobody answers."""
+    usual = "start one there or correct the address"
+    if security.certificates is None and security.user is None and security.overlay is None:
+        return usual
+    return f"{usual}, or it refuses this certificate or user: lndrl doctor says which"
+
+
 def _common(config: TransportConfig) -> dict[str, Any]:
     return {
+        # What runs on a learner, and who, is not for its clients to ask.
+        "adminspace/enabled": False,
+        **({"namespace": config.namespace} if config.namespace else {}),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
@@ -250,10 +258,10 @@ def _common(config: TransportConfig) -> dict[str, Any]:
     }
 
 
-def _open(settings: dict[str, Any], timeout: float) -> zenoh.Session:
-    built = zenoh.Config()
-    for key, value in settings.items():
-        built.insert_json5(key, json.dumps(value))
+def _open(
+    settings: Mapping[str, Any], timeout: float, security: Security | None = None
+) -> zenoh.Session:
+    built = build(settings, security)
     result: list[Any] = []
     abandoned = threading.Event()
 

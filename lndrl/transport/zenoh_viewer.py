@@ -12,13 +12,14 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.transport.keys import STATUS
+from lndrl.transport.security import Security, parse_endpoint
 from lndrl.transport.zenoh_session import (
-    STATUS,
     ExitGuard,
     UnreachableError,
     ZenohSession,
+    cure,
     open_connecting,
-    parse_endpoint,
 )
 
 POLL = 0.05
@@ -27,8 +28,15 @@ POLL = 0.05
 class ZenohViewer:
     """See ``ViewerEndpoint``. The network is first touched by ``status`` or ``stream``."""
 
-    def __init__(self, endpoint: str, config: TransportConfig | None = None) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        config: TransportConfig | None = None,
+        security: Security | None = None,
+    ) -> None:
         parse_endpoint(endpoint)
+        self._security = security or Security("dashboard")
+        self._security.check(endpoint, listening=False)
         self._endpoint = endpoint
         self._config = config or TransportConfig(endpoint=endpoint)
         self._session: ZenohSession | None = None
@@ -52,7 +60,7 @@ class ZenohViewer:
         problem = "has no status yet" if reached else "does not answer"
         raise UserError(
             f"the learner at {self._endpoint} {problem} (waited {timeout:g} s);"
-            " start one there or correct the address"
+            f" {cure(self._security)}"
         )
 
     def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:
@@ -60,7 +68,9 @@ class ZenohViewer:
         try:
             session = self._connect(5.0)
         except UnreachableError:
-            raise UserError(f"no learner answers at {self._endpoint}") from None
+            raise UserError(
+                f"no learner answers at {self._endpoint}; {cure(self._security)}"
+            ) from None
         with session.zenoh.declare_subscriber(STATUS, zenoh.handlers.RingChannel(1)) as channel:
             quiet_since = time.monotonic()
             while not self._closed.is_set():
@@ -87,7 +97,7 @@ class ZenohViewer:
 
     def _connect(self, timeout: float) -> ZenohSession:
         if self._session is None:
-            self._session = open_connecting(self._endpoint, self._config, timeout)
+            self._session = open_connecting(self._endpoint, self._config, timeout, self._security)
             self._guard = ExitGuard(self.close)
         return self._session
 

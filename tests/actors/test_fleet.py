@@ -8,11 +8,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from actors.fleet import Fleet, run_fleet
-from lndrl.transport import free_endpoint, open_learner
+from lndrl.transport import Security, free_endpoint, open_learner
+from tests.lndrl.transport.authority import make_certificates
 
 PATIENCE = 90.0  # s, for machines with much else to do
 
@@ -150,3 +152,29 @@ def test_ended_foreground_fleet_leaves_no_process(learner, number):
     assert process.returncode == (-9 if number == signal.SIGKILL else 0), errors
     assert "Traceback" not in errors
     wait_for(lambda: gone(learner.headers[-1].pid), "the worker's end")
+
+
+def test_workers_log_in_without_showing_the_password(
+    small_config, noting_learner, tmp_path, capfd
+) -> None:
+    """Certificates, user and namespace reach the process that opens the connection."""
+    certificates = make_certificates(tmp_path / "certs")
+    users = tmp_path / "users"
+    users.touch(0o600)
+    users.write_text("actor-here:walks-on-water\n")
+    endpoint = free_endpoint().replace("tcp", "tls")
+    config = small_config(transport={"endpoint": endpoint, "namespace": "lab/one"})
+    guard = Security("learner", certificates, users=users)
+    learner = noting_learner(config, open_learner(config.transport, "run-1", guard))
+    learner.refusal = "this learner wants another version"
+    fleet = Fleet(endpoint, 1, security=guard.of_local_actors(), namespace="lab/one")
+    fleet.start()
+    try:
+        (worker,) = fleet.pids()
+        for place in ("cmdline", "environ"):
+            assert "walks-on-water" not in Path(f"/proc/{worker}/{place}").read_text()
+        wait_for(lambda: fleet.poll() is not None, "the refusal")
+    finally:
+        fleet.stop()
+    assert "wants another version" in fleet.error
+    assert "walks-on-water" not in "".join(capfd.readouterr())

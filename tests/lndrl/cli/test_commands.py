@@ -16,6 +16,7 @@ from actors.balance import usable_cores
 from lndrl.cli.main import run
 from lndrl.cli.signals import stop_on_signals
 from lndrl.config import load_config
+from lndrl.transport import Security
 
 SCENARIO = {
     "name": "room",
@@ -119,11 +120,12 @@ def test_train_serial(services: Services) -> None:
 
 def test_learner(services: Services) -> None:
     assert run("learner run.yaml --listen tcp/0.0.0.0:7000 --run far --steps 9".split()) == 0
-    [(name, (config, folder, resume, endpoint, stop, checkpoint), _)] = services.calls
+    [(name, (config, folder, resume, endpoint, stop, checkpoint), options)] = services.calls
     assert (name, folder, resume, checkpoint) == ("learner", Path("runs/far"), False, None)
     assert (endpoint or config.transport.endpoint) == "tcp/0.0.0.0:7000"
     assert config.learner.total_steps == 9
     assert not stop.is_set()
+    assert options == {"security": Security("learner")}
 
 
 def test_learner_listens_on_loopback_unless_asked(services: Services) -> None:
@@ -147,6 +149,55 @@ def test_actor(services: Services) -> None:
         ("tcp/learner.example:7447", 2, 4, "cuda:0"),
         ("tcp/[::1]:7447", 1, None, "cpu"),
         ("tcp/[::1]:7447", usable_cores(), None, "cpu"),
+    ]
+
+
+def test_the_learners_doors(services: Services, monkeypatch) -> None:
+    Path("password").touch(0o600)
+    Path("password").write_text("secret\n")
+    lines = (
+        "learner run.yaml --run a --listen tls/0.0.0.0:7000 --certs certs --users users",
+        "train run.yaml --run b --certs certs --zenoh more.json5 --namespace 7 --insecure",
+        "learner run.yaml --run c --router tls/r:1 --user learner --password-file password",
+    )
+    for line in lines:
+        assert run(line.split()) == 0
+    certs = Path("certs")
+    assert [call[2]["security"] for call in services.calls] == [
+        Security("learner", certs, users=Path("users")),
+        Security("learner", certs, overlay=Path("more.json5"), insecure=True),
+        Security("learner", user="learner", password="secret"),
+    ]
+    wires = [call[1][0].transport for call in services.calls]
+    assert [wire.router for wire in wires] == [False, False, True]
+    assert [wire.namespace for wire in wires] == ["", "7", ""]
+    assert wires[2].endpoint == "tls/r:1"
+    assert all("secret" not in str(call[1]) for call in services.calls)
+
+
+def test_a_resumed_run_comes_from_behind_its_router(services: Services) -> None:
+    behind = {"endpoint": "tcp/r:1", "router": True, "namespace": "lab/one"}
+    existing_run(transport={**load_config("run.yaml").transport.model_dump(), **behind})
+    for line in ("", "--listen tcp/127.0.0.1:7000"):
+        assert run(f"learner --run first --resume {line}".split()) == 0
+    wires = [call[1][0].transport for call in services.calls]
+    assert [(w.endpoint, w.router) for w in wires] == [
+        ("tcp/r:1", True),
+        ("tcp/127.0.0.1:7000", False),
+    ]
+
+
+def test_an_actors_password_comes_from_a_file_or_the_environment(services, monkeypatch) -> None:
+    Path("password").touch(0o600)
+    Path("password").write_text("filed\n")
+    monkeypatch.setenv("LNDRL_PASSWORD", "set")
+    for options in ("--user actor-1 --password-file password", "--user actor-1", ""):
+        assert run(f"actor --connect tcp/h:80 --namespace lab/1 {options}".split()) == 0
+    assert [call[2]["namespace"] for call in services.calls] == ["lab/1"] * 3
+    assert [call[2]["security"] for call in services.calls] == [
+        Security("actor", user="actor-1", password="filed"),
+        Security("actor", user="actor-1", password="set"),
+        Security("actor"),
     ]
 
 
@@ -198,6 +249,7 @@ def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsy
         ("learner run.yaml --checkpoint step-000000064", "--checkpoint goes with --resume"),
         ("train run.yaml --serial --dashboard", "--dashboard does not go with --serial"),
         ("train run.yaml --serial --listen tcp/0.0.0.0:1", "--listen does not go with --serial"),
+        ("train run.yaml --serial --certs certs", "--certs does not go with --serial"),
         ("train run.yaml --listen 7447", "--listen 7447: not an endpoint; write it like tcp/"),
         ("learner run.yaml --listen tcp/0.0.0.0", "needs a host and a port 1 to 65535"),
         ("learner run.yaml --listen tcp/h:99999", "needs a host and a port 1 to 65535"),
@@ -206,6 +258,19 @@ def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsy
         ("train run.yaml --set learner.device=gpu", "learner.device: gpu is not a device"),
         ("actor --connect http/h:80", "--connect http/h:80: not an endpoint"),
         ("actor --connect tcp/:80", "needs a host and a port"),
+        ("actor --connect quic/h:80", "--connect quic/h:80: not an endpoint"),
+        ("actor --connect tls/h:80", "endpoint tls/h:80 needs certificates"),
+        ("actor --connect tls/h:80 --certs no", "no: no such folder of certificates"),
+        ("actor --connect tcp/h:80 --user actor", "user actor has no password"),
+        ("actor --connect tcp/h:80 --user dashboard --password-file run.yaml", "run.yaml: others"),
+        ("actor --connect tcp/h:80 --namespace a//b", "'a//b' is not a namespace"),
+        ("dashboard --connect tcp/h:80 --user actor", "user actor has no password"),
+        ("learner run.yaml --namespace a/**", "'a/**' is not a namespace"),
+        ("learner run.yaml --listen tcp/h:1 --router tcp/r:1", "--listen does not go with"),
+        ("learner run.yaml --router 7447", "--router 7447: not an endpoint"),
+        ("learner run.yaml --router tcp/r:1 --users u", "--users does not go with a router"),
+        ("learner run.yaml --router tcp/r:1 --insecure", "--insecure does not go with a router"),
+        ("learner run.yaml --user learner", "--user and --password-file go with --router"),
         ("actor --connect tcp/h:80 --device gpu", "--device gpu: not a device; write cpu"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import threading
@@ -25,8 +26,10 @@ from lndrl.transport import (
     open_learner,
     open_viewer,
 )
+from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD
 from lndrl.transport.messages import decode
-from lndrl.transport.zenoh_session import ANNOUNCE, UPLOAD, open_connecting
+from lndrl.transport.security import Security
+from lndrl.transport.zenoh_session import open_connecting
 
 HELLO = Hello("actor-0", "first", "here", 1, 8, "0.1")
 
@@ -197,10 +200,11 @@ def test_bad_endpoints_are_sentences(endpoint):
 
 
 def test_addresses_of_others_are_sentences():
+    anywhere = Security("learner", insecure=True)
     with pytest.raises(UserError, match="does not have the address"):
-        open_learner(TransportConfig(endpoint="tcp/192.0.2.1:7447"))
+        open_learner(TransportConfig(endpoint="tcp/192.0.2.1:7447"), security=anywhere)
     with pytest.raises(UserError, match="is unknown"):
-        open_learner(TransportConfig(endpoint="tcp/no.such.host.invalid:7447"))
+        open_learner(TransportConfig(endpoint="tcp/no.such.host.invalid:7447"), security=anywhere)
 
 
 def test_an_oversized_chunk_is_refused_before_it_is_sent():
@@ -237,6 +241,48 @@ def test_garbage_is_refused_and_the_learner_lives_on():
     finally:
         stranger.close()
         actor.close()
+        learner.close()
+
+
+def test_an_upload_that_breaks_the_desk_is_not_the_last():
+    config = settings()
+    handlers = CountingHandlers()
+    learner, actor = open_learner(config), open_actor(config.endpoint, config)
+    right, broken = learner._desk.answer_chunk, [True]
+
+    def answer(data: bytes) -> bytes:
+        if broken:
+            broken.pop()
+            raise RuntimeError("a bug")
+        return right(data)
+
+    learner._desk.answer_chunk = answer
+    try:
+        learner.start(handlers)
+        actor.hello(HELLO, 5)
+        send(actor, 1)
+        assert actor.flush(20)
+        assert handlers.sequences == [1]
+    finally:
+        actor.close()
+        learner.close()
+
+
+def test_a_ping_names_the_run_once_the_status_does():
+    config = settings()
+    learner = open_learner(config)
+    stranger = open_connecting(config.endpoint, config, 5)
+    try:
+        learner.start(CountingHandlers())
+
+        def run_id() -> str:
+            return json.loads(stranger.query(PING, timeout=5).payload.to_bytes())["run_id"]
+
+        assert run_id() == ""
+        learner.publish_status({"run_id": "first-1"}, [])
+        assert run_id() == "first-1"
+    finally:
+        stranger.close()
         learner.close()
 
 

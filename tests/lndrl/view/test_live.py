@@ -174,7 +174,7 @@ def test_command(
     answer: Answer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     viewer = FakeViewer(answer())
-    monkeypatch.setattr(lndrl.transport, "open_viewer", lambda endpoint: viewer)
+    monkeypatch.setattr(lndrl.transport, "open_viewer", lambda *_: viewer)
     dashboard("tcp/127.0.0.1:7447", once=True, json=True)
     assert json.loads(capsys.readouterr().out) == json.loads(json_line(news_of(answer())))
     dashboard("tcp/127.0.0.1:7447", once=True, json=False)

@@ -1,0 +1,17 @@
+"""The keys under which learner, actors and dashboards meet; a namespace goes before them."""
+
+from __future__ import annotations
+
+PREFIX = "lndrl"
+HELLO = f"{PREFIX}/hello"
+UPLOAD = f"{PREFIX}/upload"
+WEIGHTS = f"{PREFIX}/weights"
+ANNOUNCE = f"{PREFIX}/announce"
+STATUS = f"{PREFIX}/status"
+ACTORS = f"{PREFIX}/actors"
+PING = f"{PREFIX}/ping"
+
+
+def in_namespace(key: str, namespace: str) -> str:
+    """``key`` as others on the router see it."""
+    return f"{namespace}/{key}" if namespace else key
