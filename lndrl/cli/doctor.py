@@ -15,7 +15,6 @@ from lndrl.errors import UserError
 if TYPE_CHECKING:
     from lndrl.transport.probes import Check
 
-_ROLES = ("learner", "actor", "dashboard")
 _STYLES = {"ok": "green", "failed": "bold red", "skipped": "dim"}
 # Read where no --password-file is given, for services that get their secrets this way.
 PASSWORD_VARIABLE = "LNDRL_PASSWORD"
@@ -64,12 +63,11 @@ def doctor(
     Tries name, port, TLS, certificates, user, versions and every permission of the role, one
     after another. Exit code 0: all is right, 1: something failed. It disturbs no training.
     """
-    if role is not None and role not in _ROLES:
-        raise UserError(f"--role {role}: unknown; write {', '.join(_ROLES)}")
+    from lndrl.transport.diagnosis import ROLES, Target, diagnose
+
+    if role is not None and role not in ROLES:
+        raise UserError(f"--role {role}: unknown; write {', '.join(ROLES)}")
     password = _password(user, password_file)
-
-    from lndrl.transport.diagnosis import Target, diagnose
-
     target = Target(connect, role, certs, user, password, namespace)
     checks = list(diagnose(target))
     right = all(check.state != "failed" for check in checks)

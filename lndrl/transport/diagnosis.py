@@ -53,12 +53,13 @@ from lndrl.transport.zenoh_session import (
 from lndrl.version import VERSION
 
 PING = f"{PREFIX}/ping"
-ROLES = ("learner", "actor", "dashboard")
 ANSWER_SECONDS = 3.0
 # An upload waits behind those that the learner takes in while it learns.
 UPLOAD_SECONDS = 10.0
 # Announcements and status are repeated every second.
 HEARING_SECONDS = 2.5
+# What does not speak TLS keeps silent when it is asked to.
+TLS_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,7 @@ OPERATIONS: dict[str, tuple[Operation, ...]] = {
     "actor": (_ASK_HELLO, _ASK_ANNOUNCE, _ASK_WEIGHTS, _UPLOAD, _HEAR_ANNOUNCE),
     "dashboard": (_ASK_STATUS, _HEAR_STATUS),
 }
+ROLES = tuple(OPERATIONS)
 
 
 @dataclass(frozen=True)
@@ -217,7 +219,7 @@ def _connect(address: Address, target: Target) -> ZenohSession:
 
 
 def _why_closed(address: Address, target: Target, error: str) -> str:
-    if address.scheme == "tcp" and speaks_tls(address, min(target.timeout, 2.0)):
+    if address.scheme == "tcp" and speaks_tls(address, TLS_SECONDS):
         return (
             f"the learner speaks TLS and was spoken to without; write {address.written('tls')}"
             " and give --certs FOLDER"
@@ -335,10 +337,10 @@ def _check_operations(
         yield Check(one.name, OK, f"{_generic(one.key)} answers")
         no_weights = no_weights or (one is _ASK_ANNOUNCE and _has_no_weights(sample))
     for one, channel in hearing.items():
-        if _hears(channel, deadline):
-            yield Check(one.name, OK, f"{_generic(one.key)} is heard")
-        elif one is _HEAR_ANNOUNCE and no_weights:
+        if one is _HEAR_ANNOUNCE and no_weights:
             yield Check(one.name, SKIPPED, "the learner has no weights to announce yet")
+        elif _hears(channel, deadline):
+            yield Check(one.name, OK, f"{_generic(one.key)} is heard")
         else:
             yield Check(one.name, FAILED, _denied(one, target))
 
