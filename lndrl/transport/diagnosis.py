@@ -8,7 +8,7 @@ refuses as malformed, and that answer proves the way.
 from __future__ import annotations
 
 import json
-import secrets
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -18,12 +18,13 @@ from typing import Any
 import zenoh
 
 from lndrl.errors import UserError
-from lndrl.transport.messages import (
-    NO_WEIGHTS,
-    PROTOCOL_VERSION,
-    MessageError,
-    WeightsAnnouncement,
-    decode,
+from lndrl.transport.messages import PROTOCOL_VERSION
+from lndrl.transport.permissions import (
+    ANSWER_SECONDS,
+    PING,
+    ROLES,
+    check_operations,
+    operations_of,
 )
 from lndrl.transport.probes import (
     FAILED,
@@ -38,55 +39,11 @@ from lndrl.transport.probes import (
     speaks_tls,
 )
 from lndrl.transport.security import Security, settings
-from lndrl.transport.zenoh_session import (
-    ANNOUNCE,
-    HELLO,
-    PREFIX,
-    STATUS,
-    UPLOAD,
-    WEIGHTS,
-    UnreachableError,
-    ZenohSession,
-    _open,
-    first_answer,
-)
+from lndrl.transport.zenoh_session import UnreachableError, ZenohSession, _open
 from lndrl.version import VERSION
 
-PING = f"{PREFIX}/ping"
-ANSWER_SECONDS = 3.0
-# An upload waits behind those that the learner takes in while it learns.
-UPLOAD_SECONDS = 10.0
-# Announcements and status are repeated every second.
-HEARING_SECONDS = 2.5
 # What does not speak TLS keeps silent when it is asked to.
 TLS_SECONDS = 2.0
-
-
-@dataclass(frozen=True)
-class Operation:
-    """Something that a role must be allowed: a question, or hearing what is published."""
-
-    name: str
-    key: str
-    payload: bytes = b""
-    hears: bool = False
-
-
-_ASK_HELLO = Operation("hello", HELLO)
-_ASK_ANNOUNCE = Operation("announce", ANNOUNCE)
-# A version that no learner has: the answer is empty instead of megabytes.
-_ASK_WEIGHTS = Operation("weights", WEIGHTS, b"9" * 20)
-_UPLOAD = Operation("upload", f"{UPLOAD}/doctor/{secrets.token_hex(8)}/0")
-_ASK_STATUS = Operation("status", STATUS)
-_HEAR_ANNOUNCE = Operation("hear announce", ANNOUNCE, hears=True)
-_HEAR_STATUS = Operation("hear status", STATUS, hears=True)
-# A learner publishes and answers, which cannot be tried without disturbing a run.
-OPERATIONS: dict[str, tuple[Operation, ...]] = {
-    "learner": (),
-    "actor": (_ASK_HELLO, _ASK_ANNOUNCE, _ASK_WEIGHTS, _UPLOAD, _HEAR_ANNOUNCE),
-    "dashboard": (_ASK_STATUS, _HEAR_STATUS),
-}
-ROLES = tuple(OPERATIONS)
 
 
 @dataclass(frozen=True)
@@ -115,6 +72,10 @@ def diagnose(target: Target) -> Iterator[Check]:
         yield Check("endpoint", FAILED, f"{address}: {text}, and put it into the certificate")
         return
     yield Check("endpoint", OK, f"{address} reads right")
+    unusable = _unusable(target)
+    if unusable is not None:
+        yield unusable
+        return
     reached = True
     for name, look in (("name", check_name), ("tcp", check_port)):
         if reached:
@@ -126,6 +87,28 @@ def diagnose(target: Target) -> Iterator[Check]:
     for role in _roles(target):
         for found in _diagnose_role(address, replace(target, role=role), reached):
             yield found if role is None else replace(found, name=f"{role}: {found.name}")
+
+
+def _unusable(target: Target) -> Check | None:
+    """What is wrong with the options themselves."""
+    if target.namespace is not None:
+        try:
+            plain = not set("*$?#") & set(str(zenoh.KeyExpr(target.namespace)))
+        except zenoh.ZError:
+            plain = False
+        if not plain:
+            text = f"namespace {target.namespace!r} is no key; write words with / between them"
+            return Check("namespace", FAILED, text)
+    if target.certificates is not None:
+        try:
+            os.listdir(target.certificates)
+        except (FileNotFoundError, NotADirectoryError):
+            return None  # check_files says it, per role.
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            text = f"{target.certificates} cannot be read ({reason.lower()})"
+            return Check("certificates", FAILED, f"{text}; run as its owner or name another folder")
+    return None
 
 
 def _roles(target: Target) -> tuple[str | None, ...]:
@@ -174,6 +157,9 @@ def _diagnose_role(address: Address, target: Target, reached: bool) -> Iterator[
             return
         yield Check("session", OK, f"the learner lets in {_who(target)}")
         yield from _inside(session, target)
+    except zenoh.ZError:
+        text = "the connection broke off while it was tried; look at the learner and try again"
+        yield Check("connection", FAILED, text)
     finally:
         if session is not None:
             session.close()
@@ -257,18 +243,11 @@ def _inside(session: ZenohSession, target: Target) -> Iterator[Check]:
     """What an open session is good for."""
     alive, found = _check_ping(session, target)
     yield found
-    operations = _operations(target.role)
     if alive:
-        yield from _check_operations(session, operations, target)
+        yield from check_operations(session, operations_of(target.role), _who(target))
     if target.role == "learner":
         text = "what only a learner may do is not tried, it would disturb the run"
         yield Check("publish", SKIPPED, text)
-
-
-def _operations(role: str | None) -> tuple[Operation, ...]:
-    if role is not None:
-        return OPERATIONS[role]
-    return tuple(dict.fromkeys(one for several in OPERATIONS.values() for one in several))
 
 
 def _check_ping(session: ZenohSession, target: Target) -> tuple[bool, Check]:
@@ -309,74 +288,6 @@ def _check_ping(session: ZenohSession, target: Target) -> tuple[bool, Check]:
         text = f"the learner is lndrl {version}, this is {VERSION}; {same}"
         return True, Check("ping", FAILED, text)
     return True, Check("ping", OK, f"the learner of run {run} answers, lndrl {version}")
-
-
-def _check_operations(
-    session: ZenohSession, operations: tuple[Operation, ...], target: Target
-) -> Iterator[Check]:
-    """All at once, because each may have to wait for nothing to come back."""
-    hearing = {
-        one: session.zenoh.declare_subscriber(one.key, zenoh.handlers.RingChannel(1))
-        for one in operations
-        if one.hears
-    }
-    deadline = time.monotonic() + HEARING_SECONDS
-    asking = {
-        one: session.ask(
-            one.key, one.payload, UPLOAD_SECONDS if one.name == "upload" else ANSWER_SECONDS
-        )
-        for one in operations
-        if not one.hears
-    }
-    no_weights = False
-    for one, channel in asking.items():
-        sample = first_answer(channel)
-        if sample is None:
-            yield Check(one.name, FAILED, _denied(one, target))
-            continue
-        yield Check(one.name, OK, f"{_generic(one.key)} answers")
-        no_weights = no_weights or (one is _ASK_ANNOUNCE and _has_no_weights(sample))
-    for one, channel in hearing.items():
-        if one is _HEAR_ANNOUNCE and no_weights:
-            yield Check(one.name, SKIPPED, "the learner has no weights to announce yet")
-        elif _hears(channel, deadline):
-            yield Check(one.name, OK, f"{_generic(one.key)} is heard")
-        else:
-            yield Check(one.name, FAILED, _denied(one, target))
-
-
-def _hears(channel: Any, deadline: float) -> bool:
-    while channel.try_recv() is None:
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.02)
-    return True
-
-
-def _has_no_weights(sample: zenoh.Sample) -> bool:
-    try:
-        news, _ = decode(sample.payload.to_bytes(), WeightsAnnouncement)
-    except MessageError:
-        return False
-    return news.version == NO_WEIGHTS and not news.done
-
-
-def _denied(one: Operation, target: Target) -> str:
-    what = "hear" if one.hears else "ask"
-    text = (
-        f"denied key: nothing came back from {_generic(one.key)} although {PING} answers; the"
-        f" learner's access control does not let {_who(target)} {what} there: use the"
-        " certificate or user of the right role, or correct the learner's settings"
-    )
-    if one.name == "upload":
-        text += " (or the learner takes nothing in for a while)"
-    elif one.key == STATUS:
-        text += " (or the learner has only just started and has no status yet)"
-    return text
-
-
-def _generic(key: str) -> str:
-    return f"{UPLOAD}/…" if key.startswith(UPLOAD) else key
 
 
 def _who(target: Target) -> str:

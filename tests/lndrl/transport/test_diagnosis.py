@@ -22,12 +22,14 @@ from lndrl.transport import (
     certificates,
     free_endpoint,
     open_learner,
+    permissions,
     probes,
 )
 from lndrl.transport import diagnosis as doctor
 from lndrl.transport.certificates import create, renew
-from lndrl.transport.diagnosis import OPERATIONS, PING, ROLES, Target, diagnose
+from lndrl.transport.diagnosis import Target, diagnose
 from lndrl.transport.messages import encode
+from lndrl.transport.permissions import OPERATIONS, PING, ROLES
 from lndrl.transport.probes import Address, Check, check_name, check_port, parse_address
 from lndrl.transport.zenoh_session import ANNOUNCE, HELLO, STATUS, UPLOAD, WEIGHTS, _open
 from lndrl.version import VERSION
@@ -171,7 +173,7 @@ def failed(checks: dict[str, Check]) -> list[str]:
 @pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Short waits for what does not come."""
-    monkeypatch.setattr(doctor, "HEARING_SECONDS", 1.0)
+    monkeypatch.setattr(permissions, "HEARING_SECONDS", 0.7)
     monkeypatch.setattr(doctor, "TLS_SECONDS", 0.3)
     monkeypatch.setattr(probes, "REFUSAL_SECONDS", 0.1)
 
@@ -274,7 +276,7 @@ def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> Non
     assert checks["learner: publish"].state == "skipped"
 
 
-def test_a_real_learner_refuses_the_empty_messages_and_goes_on(brief: None) -> None:
+def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
     """The doctor's questions are answered, and no handler of the learner ever sees one."""
     config = TransportConfig(endpoint=free_endpoint())
     endpoint = open_learner(config)
@@ -539,6 +541,34 @@ def test_the_namespace_is_asked_in(brief: None) -> None:
         checks = examine(endpoint, role="dashboard", namespace="other")
     assert failed(checks) == ["dashboard: ping"]
     assert "in the namespace other" in checks["dashboard: ping"].text
+
+
+@pytest.mark.parametrize("namespace", ["", "a//b", "/a", "a/", "*", "a$*"])
+def test_a_bad_namespace_is_told(namespace: str) -> None:
+    checks = examine("tcp/127.0.0.1:7447", namespace=namespace)
+    assert failed(checks) == ["namespace"] and "is no key" in checks["namespace"].text
+
+
+def test_a_folder_of_others_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(doctor.os, "listdir", refuse)
+    checks = examine("tls/127.0.0.1:7447", certificates=folder)
+    assert failed(checks) == ["certificates"]
+    assert "cannot be read (permission denied); run as its owner" in checks["certificates"].text
+
+
+def test_a_link_that_breaks_on_the_way_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def ask(*_: Any) -> None:
+        raise zenoh.ZError("closed")
+
+    with learner() as endpoint:
+        monkeypatch.setattr(doctor.ZenohSession, "ask", ask)
+        assert failed(examine(endpoint)) == ["ping"]
+        monkeypatch.setattr(doctor, "_check_ping", lambda *_: (True, Check("ping", "ok", "-")))
+        checks = examine(endpoint)
+    assert failed(checks) == ["connection"] and "broke off" in checks["connection"].text
 
 
 def test_no_threads_and_no_sessions_stay(folder: Path, brief: None) -> None:
