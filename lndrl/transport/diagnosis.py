@@ -190,6 +190,7 @@ def _connect(address: Address, target: Target) -> ZenohSession:
         "transport/unicast/open_timeout": int(target.timeout * 1000),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
         "transport/shared_memory/transport_optimization/enabled": False,
         **settings(security),
     }

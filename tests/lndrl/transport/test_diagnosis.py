@@ -115,6 +115,7 @@ def learner(
             "listen/endpoints": [endpoint],
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
+            "scouting/delay": 0,
             **(settings or {}),
         },
         30,
@@ -204,7 +205,12 @@ def test_zenoh_cannot_use_ipv6_addresses_over_tls(folder: Path) -> None:
     except OSError:
         pytest.skip("no IPv6 here")
     address = Address("tls", "::1", int(free_endpoint().rpartition(":")[2]))
-    listening = {"mode": "router", "listen/endpoints": [str(address)], **mutual(folder)}
+    listening = {
+        "mode": "router",
+        "listen/endpoints": [str(address)],
+        **mutual(folder),
+        "scouting/delay": 0,
+    }
     session = _open(listening, 30)
     try:
         with pytest.raises(zenoh.ZError):
