@@ -153,7 +153,9 @@ def _diagnose_role(address: Address, target: Target, reached: bool) -> Iterator[
         try:
             session = _connect(address, target)
         except (zenoh.ZError, UnreachableError) as error:
-            yield Check("session", FAILED, _why_closed(address, target, str(error)))
+            yield Check(
+                "session", FAILED, _why_closed(address, target, isinstance(error, UnreachableError))
+            )
             return
         yield Check("session", OK, f"the learner lets in {_who(target)}")
         yield from _inside(session, target)
@@ -201,20 +203,20 @@ def _connect(address: Address, target: Target) -> ZenohSession:
         return ZenohSession(_open(wanted, target.timeout + 2.0))
     except zenoh.ZError:
         if time.monotonic() - start > 0.9 * target.timeout:
-            raise UnreachableError(f"nothing came back within {target.timeout:g} s") from None
+            raise UnreachableError from None
         raise
 
 
-def _why_closed(address: Address, target: Target, error: str) -> str:
+def _why_closed(address: Address, target: Target, silent: bool) -> str:
     if address.scheme == "tcp" and speaks_tls(address, TLS_SECONDS):
         return (
             f"the learner speaks TLS and was spoken to without; write {address.written('tls')}"
             " and give --certs FOLDER"
         )
-    if "within" in error:
+    if silent:
         return (
-            f"port {address.port} accepts connections, but {error}; another program listens"
-            " there, or the learner hangs"
+            f"port {address.port} accepts connections, but nothing came back within"
+            f" {target.timeout:g} s; another program listens there, or the learner hangs"
         )
     if target.user is None:
         return (

@@ -6,7 +6,7 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -308,6 +308,8 @@ def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
         checks = examine(config.endpoint, role="actor")
         assert {check.state for check in checks.values()} == {"ok"}
         assert examine(config.endpoint, role="dashboard")["dashboard: status"].state == "ok"
+        # The question for weights must not fetch megabytes of them.
+        assert endpoint._payload is None
     finally:
         endpoint.close()
     assert seen == []
@@ -577,12 +579,44 @@ def test_a_link_that_breaks_on_the_way_is_told(monkeypatch: pytest.MonkeyPatch) 
     assert failed(checks) == ["connection"] and "broke off" in checks["connection"].text
 
 
-def test_no_threads_and_no_sessions_stay(folder: Path, brief: None) -> None:
-    with ExitStack() as stack:
-        endpoint = stack.enter_context(learner("tls", mutual(folder)))
-        before = threading.active_count()
-        examine(endpoint, certificates=folder)
-        assert threading.active_count() <= before
+def test_no_threads_and_no_sessions_stay(
+    folder: Path, standing: str, brief: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sessions = []
+    connect = doctor._connect
+
+    def remember(address: Address, target: Target) -> Any:
+        sessions.append(connect(address, target))
+        return sessions[-1]
+
+    monkeypatch.setattr(doctor, "_connect", remember)
+    before = threading.active_count()
+    examine(standing, certificates=folder)
+    assert threading.active_count() <= before
+    assert [session.closing for session in sessions] == [True] * 3
+
+
+def test_a_program_that_is_no_zenoh_is_told(folder: Path, brief: None) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            while True:
+                try:
+                    stream, _ = server.accept()
+                except OSError:
+                    return
+                with stream:
+                    stream.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        plain = examine(f"tcp/{address}", timeout=2.0)
+        tls = examine(f"tls/{address}", certificates=folder, role="actor")
+        server.shutdown(socket.SHUT_RDWR)
+    thread.join()
+    assert failed(plain) == ["session"] and "another program" in plain["session"].text
+    assert failed(tls) == ["actor: tls"] and "does not speak TLS" in tls["actor: tls"].text
 
 
 def test_the_roles_are_those_that_get_certificates() -> None:
