@@ -88,7 +88,7 @@ def _wrong(
     now: datetime,
 ) -> str | None:  # fmt: skip
     file = f"{folder}/{role}.pem"
-    renewal = f"make a new one with `lndrl certs --renew {role}`"
+    renewal = f"make a new one with `lndrl certs --out FOLDER --renew {role}`"
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):
@@ -114,7 +114,7 @@ def _right(
     left = certificate.not_valid_after_utc - now
     text = f"{common_name(role)}, valid for {left.days} more days"
     if left < SOON and certificate.not_valid_after_utc < authority.not_valid_after_utc:
-        text += f": make a new one soon with `lndrl certs --renew {role}`"
+        text += f": make a new one soon with `lndrl certs --out FOLDER --renew {role}`"
     elif left < SOON:
         text += ": the authority ends then, too; make new certificates for all in an empty folder"
     mode = (folder / f"{role}.key").stat().st_mode & 0o777

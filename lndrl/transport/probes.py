@@ -165,8 +165,8 @@ def _unbelieved(
     clock = f"this machine's clock says {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
     if code == EXPIRED:
         return (
-            "the learner's certificate has expired; make a new one with `lndrl certs --renew"
-            f" learner`, copy it there and start the learner again ({clock})"
+            "the learner's certificate has expired; make a new one with `lndrl certs --out FOLDER"
+            f" --renew learner`, copy it there and start the learner again ({clock})"
         )
     if code == NOT_YET_VALID:
         return f"the learner's certificate is not yet valid; set the clocks right ({clock})"
@@ -174,7 +174,7 @@ def _unbelieved(
         names = ", ".join(_shown_names(address, timeout)) or "no host"
         return (
             f"the learner's certificate is not made for {address.host} but for {names}; connect"
-            f" to one of these, or `lndrl certs --renew learner --host {address.host}`"
+            f" to one of these, or `lndrl certs --out FOLDER --renew learner --host {address.host}`"
         )
     if code in OTHER_AUTHORITY:
         return (
@@ -208,7 +208,7 @@ def _refused(reason: str, address: Address, folder: Path | None, role: str | Non
     if "EXPIRED" in reason:
         return (
             f"the learner refuses {ours}: it has expired by the learner's clock; make a new one"
-            f" with `lndrl certs --renew {role}`"
+            f" with `lndrl certs --out FOLDER --renew {role}`"
         )
     return f"the learner refuses {ours} ({reason.lower().replace('_', ' ')}); make a new one"
 

@@ -394,7 +394,7 @@ def test_our_expired_certificate_is_told(folder: Path, standing: str, ours: Path
     checks = examine(standing, certificates=ours, role="actor")
     assert failed(checks) == ["actor: certificates", "actor: tls"]
     assert "actor.pem expired on" in checks["actor: certificates"].text
-    assert "`lndrl certs --renew actor`" in checks["actor: certificates"].text
+    assert "`lndrl certs --out FOLDER --renew actor`" in checks["actor: certificates"].text
     assert "expired by the learner's clock" in checks["actor: tls"].text
 
 
