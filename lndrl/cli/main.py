@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -32,12 +32,16 @@ SUMMARIES = {
     "play": "Draw an episode of a policy as a picture or an animation.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
+    "certs": "Make certificates that let in only whom you give one.",
+    "doctor": "Say in words why a connection to a learner does not work.",
     "curves": "Draw a run's learning curves and write them as a table.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",
 }
 
 _SETTING = re.compile(r"[A-Za-z_][\w.]*=")
+# Options of `lndrl certs` that take several values.
+_LISTS = ("--host", "--renew")
 
 
 def load_command(name: str) -> Any:
@@ -85,7 +89,7 @@ def _options(
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line; returns the exit code and never raises for user input."""
-    arguments = list(_spread_settings(arguments)) or ["--help"]
+    arguments = list(_spread_lists(_spread_settings(arguments))) or ["--help"]
     try:
         result = get_command(app).main(args=arguments, prog_name="lndrl", standalone_mode=False)
     except UserError as error:
@@ -120,6 +124,18 @@ def _spread_settings(arguments: Sequence[str]) -> Iterator[str]:
         if after_set and is_setting and arguments[position - 1] != "--set":
             yield "--set"
         after_set = argument == "--set" or (after_set and is_setting)
+        yield argument
+
+
+def _spread_lists(arguments: Iterable[str]) -> Iterator[str]:
+    """``certs --host a b`` as ``certs --host a --host b``."""
+    given = list(arguments)
+    option = None
+    for position, argument in enumerate(given):
+        if argument.startswith("-"):
+            option = argument if given[0] == "certs" and argument in _LISTS else None
+        elif option is not None and given[position - 1] != option:
+            yield option
         yield argument
 
 
