@@ -63,8 +63,8 @@ def doctor(
     Tries name, port, TLS, certificates, user, versions and every permission of the role, one
     after another. Exit code 0: all is right, 1: something failed. It disturbs no training.
     """
+    from lndrl.transport.access import ROLES
     from lndrl.transport.diagnosis import Target, diagnose
-    from lndrl.transport.permissions import ROLES
 
     if role is not None and role not in ROLES:
         raise UserError(f"--role {role}: unknown; write {', '.join(ROLES)}")

@@ -18,14 +18,10 @@ from typing import Any
 import zenoh
 
 from lndrl.errors import UserError
+from lndrl.transport.access import ROLES, role_of
+from lndrl.transport.keys import PING
 from lndrl.transport.messages import PROTOCOL_VERSION
-from lndrl.transport.permissions import (
-    ANSWER_SECONDS,
-    PING,
-    ROLES,
-    check_operations,
-    operations_of,
-)
+from lndrl.transport.permissions import ANSWER_SECONDS, check_operations, operations_of
 from lndrl.transport.probes import (
     FAILED,
     OK,
@@ -113,7 +109,7 @@ def _unusable(target: Target) -> Check | None:
 
 def _roles(target: Target) -> tuple[str | None, ...]:
     """The roles to try: the one that is wanted, the user's, or all that have a certificate."""
-    named = None if target.user is None else target.user.partition("-")[0]
+    named = None if target.user is None else role_of(target.user)
     wanted = target.role or (named if named in ROLES else None)
     if wanted is not None:
         return (wanted,)
@@ -168,7 +164,7 @@ def _diagnose_role(address: Address, target: Target, reached: bool) -> Iterator[
 
 
 def _check_user(user: str, role: str | None) -> Check:
-    named = user.partition("-")[0]
+    named = role_of(user)
     if named not in ROLES:
         text = f"user {user} has no role; a name starts with {', '.join(ROLES)}, e.g. actor-lab3"
         return Check("user", FAILED, text)

@@ -14,20 +14,12 @@ from typing import Any
 
 import zenoh
 
+from lndrl.transport.access import EVERY_UPLOAD, RIGHTS, ROLES, Right
+from lndrl.transport.keys import ANNOUNCE, PING, PREFIX, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import NO_WEIGHTS, MessageError, WeightsAnnouncement, decode
 from lndrl.transport.probes import FAILED, OK, SKIPPED, Check
-from lndrl.transport.zenoh_session import (
-    ANNOUNCE,
-    HELLO,
-    PREFIX,
-    STATUS,
-    UPLOAD,
-    WEIGHTS,
-    ZenohSession,
-    first_answer,
-)
+from lndrl.transport.zenoh_session import ZenohSession, first_answer
 
-PING = f"{PREFIX}/ping"
 ANSWER_SECONDS = 3.0
 # An upload waits behind those that the learner takes in while it learns.
 UPLOAD_SECONDS = 10.0
@@ -45,21 +37,31 @@ class Operation:
     hears: bool = False
 
 
-_ASK_HELLO = Operation("hello", HELLO)
-_ASK_ANNOUNCE = Operation("announce", ANNOUNCE)
-# A version that no learner has: the answer is empty instead of megabytes.
-_ASK_WEIGHTS = Operation("weights", WEIGHTS, b"9" * 20)
-_UPLOAD = Operation("upload", f"{UPLOAD}/doctor/{secrets.token_hex(8)}/0")
-_ASK_STATUS = Operation("status", STATUS)
-_HEAR_ANNOUNCE = Operation("hear announce", ANNOUNCE, hears=True)
-_HEAR_STATUS = Operation("hear status", STATUS, hears=True)
-# A learner publishes and answers, which cannot be tried without disturbing a run.
+# A version of weights that no learner has: the answer is empty instead of megabytes.
+_NO_VERSION = b"9" * 20
+
+
+def _operation(right: Right) -> Operation | None:
+    """How to try ``right``; None for what cannot be tried without leaving traces in a run."""
+    if right.key == PING or right.action not in ("ask", "hear"):
+        return None
+    name = right.key.removeprefix(f"{PREFIX}/").removesuffix("/**")
+    if right.action == "hear":
+        return Operation(f"hear {name}", right.key, hears=True)
+    if right.key == EVERY_UPLOAD:
+        return Operation(name, f"{UPLOAD}/doctor/{secrets.token_hex(8)}/0")
+    return Operation(name, right.key, _NO_VERSION if right.key == WEIGHTS else b"")
+
+
 OPERATIONS: dict[str, tuple[Operation, ...]] = {
-    "learner": (),
-    "actor": (_ASK_HELLO, _ASK_ANNOUNCE, _ASK_WEIGHTS, _UPLOAD, _HEAR_ANNOUNCE),
-    "dashboard": (_ASK_STATUS, _HEAR_STATUS),
+    role: tuple(
+        operation
+        for right in RIGHTS
+        if right.role == role and (operation := _operation(right)) is not None
+    )
+    for role in ROLES
 }
-ROLES = tuple(OPERATIONS)
+"""What is tried of each role's rights; a learner's would disturb a run."""
 
 
 def operations_of(role: str | None) -> tuple[Operation, ...]:
@@ -96,9 +98,9 @@ def check_operations(
             yield Check(one.name, FAILED, _denied(one, who))
             continue
         yield Check(one.name, OK, f"{_generic(one.key)} answers")
-        no_weights = no_weights or (one is _ASK_ANNOUNCE and _has_no_weights(sample))
+        no_weights = no_weights or (one.key == ANNOUNCE and _has_no_weights(sample))
     for one, channel in hearing.items():
-        if one is _HEAR_ANNOUNCE and no_weights:
+        if one.key == ANNOUNCE and no_weights:
             yield Check(one.name, SKIPPED, "the learner has no weights to announce yet")
         elif _hears(channel, deadline):
             yield Check(one.name, OK, f"{_generic(one.key)} is heard")

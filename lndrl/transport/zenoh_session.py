@@ -17,13 +17,6 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
-from lndrl.transport.keys import ACTORS as ACTORS
-from lndrl.transport.keys import ANNOUNCE as ANNOUNCE
-from lndrl.transport.keys import HELLO as HELLO
-from lndrl.transport.keys import PREFIX as PREFIX
-from lndrl.transport.keys import STATUS as STATUS
-from lndrl.transport.keys import UPLOAD as UPLOAD
-from lndrl.transport.keys import WEIGHTS as WEIGHTS
 from lndrl.transport.security import Security, parse_endpoint
 from lndrl.transport.security import settings as settings_of
 from lndrl.transport.zenoh_config import build

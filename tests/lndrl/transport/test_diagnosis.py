@@ -26,12 +26,14 @@ from lndrl.transport import (
     probes,
 )
 from lndrl.transport import diagnosis as doctor
+from lndrl.transport.access import ROLES
 from lndrl.transport.certificates import create, renew
 from lndrl.transport.diagnosis import Target, diagnose
+from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import encode
-from lndrl.transport.permissions import OPERATIONS, PING, ROLES
+from lndrl.transport.permissions import OPERATIONS
 from lndrl.transport.probes import Address, Check, check_name, check_port, parse_address
-from lndrl.transport.zenoh_session import ANNOUNCE, HELLO, STATUS, UPLOAD, WEIGHTS, _open
+from lndrl.transport.zenoh_session import _open
 from lndrl.version import VERSION
 
 NOW = datetime.now(UTC)
