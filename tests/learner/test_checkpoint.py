@@ -22,7 +22,7 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.policy import load_policy
 
-ROSTER = {"actors": {"a": 0}, "sequences": [["a", "x", 4, [6]]]}
+BOOKS = {"roster": {"actors": {"a": 0}, "sequences": [["a", "x", 4, [6]]]}}
 
 
 @pytest.fixture
@@ -45,10 +45,10 @@ def trained():
 def test_training_goes_on_bit_for_bit(trained, tmp_path: Path) -> None:
     config = small_config()
     first = trained(config, 2)
-    path = save_checkpoint(tmp_path, first, Counters(steps=64, updates=2, version=2), ROSTER, 3)
+    path = save_checkpoint(tmp_path, first, Counters(steps=64, updates=2, version=2), BOOKS, 3)
     second = trained(config, 0)
-    counters, roster = load_checkpoint(path, second)
-    assert (counters.steps, counters.version, roster) == (64, 2, ROSTER)
+    counters, books = load_checkpoint(path, second)
+    assert (counters.steps, counters.version, books) == (64, 2, BOOKS)
     batch = assemble([random_trajectory(config, 99)])
     assert first.update(batch, 0.5) == second.update(batch, 0.5)
     for one, other in zip(first.policy.parameters(), second.policy.parameters(), strict=True):
@@ -58,21 +58,21 @@ def test_training_goes_on_bit_for_bit(trained, tmp_path: Path) -> None:
 def test_the_newest_few_are_kept_and_no_partial_one_remains(trained, tmp_path: Path) -> None:
     ppo = trained(small_config(), 1)
     for steps in (10, 20, 30):
-        save_checkpoint(tmp_path, ppo, Counters(steps=steps), ROSTER, keep=2)
+        save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, keep=2)
     assert [p.name for p in list_checkpoints(tmp_path)] == ["step-000000020", "step-000000030"]
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
 
 
 def test_a_disk_that_refuses_leaves_the_old_ones(trained, tmp_path: Path, monkeypatch) -> None:
     ppo = trained(small_config(), 1)
-    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), ROSTER, 2)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 2)
 
     def refuse(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("learner.checkpoint.os.fsync", refuse)
     with pytest.raises(OSError, match="space"):
-        save_checkpoint(tmp_path, ppo, Counters(steps=20), ROSTER, 2)
+        save_checkpoint(tmp_path, ppo, Counters(steps=20), BOOKS, 2)
     assert list_checkpoints(tmp_path) == [path]
 
 
@@ -80,7 +80,7 @@ def test_a_disk_that_refuses_leaves_the_old_ones(trained, tmp_path: Path, monkey
 def test_damage_is_found_and_the_one_before_is_offered(trained, tmp_path: Path, file: str) -> None:
     ppo = trained(small_config(), 1)
     for steps in (10, 20):
-        path = save_checkpoint(tmp_path, ppo, Counters(steps=steps), ROSTER, 3)
+        path = save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, 3)
     data = bytearray((path / file).read_bytes())
     data[len(data) // 2] ^= 0xFF
     (path / file).write_bytes(data[: len(data) - 3] if file == "state.json" else data)
@@ -89,7 +89,7 @@ def test_damage_is_found_and_the_one_before_is_offered(trained, tmp_path: Path, 
 
 
 def test_another_network_is_named(trained, tmp_path: Path) -> None:
-    path = save_checkpoint(tmp_path, trained(small_config(), 1), Counters(), ROSTER, 3)
+    path = save_checkpoint(tmp_path, trained(small_config(), 1), Counters(), BOOKS, 3)
     other = trained(small_config(network={"features": 24}), 0)
     with pytest.raises(UserError, match="another network"):
         load_checkpoint(path, other)
@@ -99,7 +99,7 @@ def test_find_checkpoint_names_what_there_is(trained, tmp_path: Path) -> None:
     config = small_config()
     with pytest.raises(UserError, match="holds no checkpoint"):
         find_checkpoint(tmp_path, None)
-    path = save_checkpoint(tmp_path, trained(config, 0), Counters(steps=10), ROSTER, 3)
+    path = save_checkpoint(tmp_path, trained(config, 0), Counters(steps=10), BOOKS, 3)
     assert find_checkpoint(tmp_path, None) == path
     with pytest.raises(UserError, match="step-000000010"):
         find_checkpoint(tmp_path, "step-000000011")
@@ -107,7 +107,7 @@ def test_find_checkpoint_names_what_there_is(trained, tmp_path: Path) -> None:
 
 def test_the_policy_file_alone_says_how_to_run_it(trained, tmp_path: Path) -> None:
     config = small_config()
-    path = save_checkpoint(tmp_path / "checkpoints", trained(config, 0), Counters(), ROSTER, 3)
+    path = save_checkpoint(tmp_path / "checkpoints", trained(config, 0), Counters(), BOOKS, 3)
     for place in (tmp_path, path, path / "policy.safetensors"):
         found, blob = load_policy(place)
         assert found == config
@@ -117,7 +117,7 @@ def test_the_policy_file_alone_says_how_to_run_it(trained, tmp_path: Path) -> No
 def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> None:
     config = small_config()
     old = trained(config, 2)
-    save_checkpoint(tmp_path / "checkpoints", old, Counters(steps=64), ROSTER, 3)
+    save_checkpoint(tmp_path / "checkpoints", old, Counters(steps=64), BOOKS, 3)
     new = trained(config.model_copy(update={"seed": 5}), 0)
     order = new.rng.bit_generator.state
     assert start_from(tmp_path, new).name == "step-000000064"
