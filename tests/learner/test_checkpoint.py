@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,12 @@ from helpers_learner import random_trajectory, small_config
 from learner.batch import assemble
 from learner.checkpoint import (
     Counters,
+    clean_up,
     find_checkpoint,
     list_checkpoints,
     load_checkpoint,
     save_checkpoint,
+    set_aside_later,
     start_from,
 )
 from learner.update import PPO
@@ -127,3 +130,102 @@ def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> N
     assert all("exp_avg" in new.value_optimizer.state[p] for p in new.value.parameters())
     with pytest.raises(UserError, match="nowhere holds no checkpoint"):
         start_from(tmp_path / "nowhere", new)
+
+
+def test_what_a_full_disk_left_behind_is_removed(trained, tmp_path: Path, monkeypatch) -> None:
+    ppo = trained(small_config(), 1)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 2)
+    for failing in range(1, 6):
+        left = failing
+
+        def flush(descriptor: int) -> None:
+            nonlocal left
+            left -= 1
+            if not left:
+                raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("learner.checkpoint.os.fsync", flush)
+            with pytest.raises(OSError, match="space"):
+                save_checkpoint(tmp_path, ppo, Counters(steps=20), BOOKS, 2)
+        for kept in list_checkpoints(tmp_path):
+            load_checkpoint(kept, ppo)
+        assert path in list_checkpoints(tmp_path)
+        assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_a_checkpoint_replaces_one_of_its_name_without_a_gap(
+    trained, tmp_path: Path, monkeypatch
+) -> None:
+    """A writer killed between two renames leaves the old one to be found again."""
+    ppo = trained(small_config(), 1)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=1), BOOKS, 1)
+    original, calls = Path.rename, []
+
+    def rename(self: Path, target: Path) -> Path:
+        calls.append(self.name)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return original(self, target)
+
+    monkeypatch.setattr(Path, "rename", rename)
+    with pytest.raises(KeyboardInterrupt):
+        save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=2), BOOKS, 1)
+    monkeypatch.undo()
+    assert list_checkpoints(tmp_path) == []
+    assert clean_up(tmp_path) == [".step-000000010.partial"]
+    assert list(tmp_path.iterdir()) == [path]
+    assert load_checkpoint(path, ppo)[0].updates == 1
+    save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=2), BOOKS, 1)
+    assert list(tmp_path.iterdir()) == [path]
+    assert load_checkpoint(path, ppo)[0].updates == 2
+
+
+def test_going_back_sets_what_came_later_aside(trained, tmp_path: Path) -> None:
+    ppo = trained(small_config(), 0)
+    for steps in (10, 20, 30):
+        save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, 3)
+    assert set_aside_later(tmp_path / "step-000000010") == ["step-000000020", "step-000000030"]
+    save_checkpoint(tmp_path, ppo, Counters(steps=15), BOOKS, 1)
+    assert find_checkpoint(tmp_path, None).name == "step-000000015"
+    assert (tmp_path / "abandoned-step-000000030").is_dir()
+
+
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("counters", {"steps": -1}),
+        ("counters", {"steps": "many"}),
+        ("counters", {"steps": 1, "jumps": 2}),
+        ("counters", {"elapsed": float("inf")}),
+        ("counters", None),
+        ("generator", {"bit_generator": "MT19937"}),
+        ("generator", []),
+        ("learning_rates", [0.1]),
+        ("learning_rates", ["x", "y"]),
+        ("digests", {}),
+        ("digests", 3),
+        ("format", 2),
+    ],
+)
+def test_states_that_no_learner_wrote_are_refused(trained, tmp_path: Path, key, value) -> None:
+    ppo = trained(small_config(), 0)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 3)
+    state = json.loads((path / "state.json").read_text())
+    state[key] = value
+    (path / "state.json").write_text(json.dumps(state))
+    with pytest.raises(UserError, match=r"not what was written|format"):
+        load_checkpoint(path, ppo)
+    del state["digest"]  # as checkpoints were before there was one
+    (path / "state.json").write_text(json.dumps(state))
+    with pytest.raises(UserError, match=r"damaged|format"):
+        load_checkpoint(path, ppo)
+
+
+def test_moments_that_are_no_numbers_are_refused(trained, tmp_path: Path) -> None:
+    ppo = trained(small_config(), 1)
+    moments = ppo.policy_optimizer.state[next(ppo.policy.parameters())]
+    moments["exp_avg"].view(-1)[0] = float("nan")
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 3)
+    with pytest.raises(UserError, match="moments are not finite"):
+        load_checkpoint(path, trained(small_config(), 0))
