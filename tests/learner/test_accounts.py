@@ -228,6 +228,20 @@ def test_lines_that_a_full_disk_swallowed_are_made_up_for(books: Books) -> None:
     assert books.sums()["trained"]["chunks"] == 1
 
 
+def test_what_the_checkpoint_knows_as_trained_is_not_lost_though_the_ledger_lacks_the_line(
+    books: Books,
+) -> None:
+    books.accept(A)
+    books.train(1)
+    books.accounts.close()
+    lines = books.path.read_text().splitlines(keepends=True)
+    books.checkpoint()
+    books.path.write_text("".join(lines[:2]))  # of the three: checkpoint, accepted, trained
+    recovery = books.die_and_resume()
+    assert (recovery.lost.chunks, recovery.notes) == (0, [])
+    assert books.sums()["trained"]["chunks"] == 1
+
+
 def test_checkpoints_of_before_there_were_books_still_load(books: Books) -> None:
     books.accounts.close()
     books.path.unlink()

@@ -45,7 +45,7 @@ def test_lines_wait_while_the_disk_is_full_and_none_is_cut(tmp_path: Path, disk:
     disk.room = 3
     for line in ("two two two", "three", "four"):
         file.add(line)
-    assert (tmp_path / "a").read_text() == "one\n", "half a line was taken back"
+        assert (tmp_path / "a").read_text() == "one\n", "half a line was taken back"
     assert len(said) == 1 and said[0].errno == 28
     disk.room = None
     file.add("five")
