@@ -64,6 +64,17 @@ def test_memory_for_waiting_lines_is_bounded(tmp_path: Path, disk: Disk) -> None
     assert (tmp_path / "a").read_text().split() == [str(n) for n in range(90, 100)]
 
 
+def test_closing_writes_what_waits_and_a_later_line_opens_again(tmp_path: Path, disk: Disk) -> None:
+    file = LineFile(tmp_path / "a")
+    disk.room = 0
+    file.add("one")
+    disk.room = None
+    file.close()
+    assert (tmp_path / "a").read_text() == "one\n"
+    file.add("two")
+    assert (tmp_path / "a").read_text() == "one\ntwo\n"
+
+
 def test_a_refusing_disk_is_not_tried_for_every_line(
     tmp_path: Path, disk: Disk, monkeypatch
 ) -> None:
