@@ -135,7 +135,7 @@ def test_jumping_sequences_cost_nothing_and_only_their_own_life() -> None:
 
 @settings(max_examples=100, deadline=None)
 @given(
-    numbers=st.lists(st.integers(1, 60), max_size=80),
+    numbers=st.lists(st.integers(1, 90), min_size=25, max_size=80),
     excused=st.sets(st.integers(1, 40)),
 )
 def test_sequences_agree_with_sets(numbers: list[int], excused: set[int]) -> None:
