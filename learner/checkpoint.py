@@ -1,8 +1,8 @@
 """Checkpoints: whole or absent, the newest few kept, never pickled.
 
 A checkpoint is a folder ``checkpoints/step-000012345`` with both networks and the optimizers as
-safetensors and everything else as JSON, including digests of the other files. It is written under
-a temporary name, flushed to disk and renamed.
+safetensors and everything else as JSON, including digests of all that. It is written under a
+temporary name, flushed to disk and renamed.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,13 @@ from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
 
 VALUE_FILE = "value.safetensors"
 OPTIMIZER_FILE = "optimizer.safetensors"
+_TENSOR_FILES = (POLICY_FILE, VALUE_FILE, OPTIMIZER_FILE)
 STATE_FILE = "state.json"
 FORMAT = 1
+
+_BOOKS = ("roster", "accounts")
+_PARTIAL = ".partial"  # being written
+_REPLACED = ".replaced"  # what a checkpoint of the same name takes the place of
 
 
 @dataclass
@@ -44,43 +50,62 @@ class Counters:
 
 
 def save_checkpoint(
-    folder: Path, ppo: PPO, counters: Counters, roster: dict[str, Any], keep: int
+    folder: Path, ppo: PPO, counters: Counters, books: dict[str, Any], keep: int
 ) -> Path:
     """Write a checkpoint into ``folder`` and delete all but the newest ``keep``.
 
-    Raises OSError when the disk refuses; what was there before stays untouched.
+    ``books``: what else to remember, plain data under names of its own. Raises OSError when the
+    disk refuses; what was there before stays untouched, and nothing half written remains.
     """
     name = f"step-{counters.steps:09d}"
-    temporary = folder / f".{name}.partial"
-    shutil.rmtree(temporary, ignore_errors=True)
-    temporary.mkdir(parents=True)
-    metadata = policy_metadata(ppo.config, counters.version, counters.steps)
-    files = {
-        POLICY_FILE: to_bytes(ppo.policy, metadata),
-        VALUE_FILE: to_bytes(ppo.value),
-        OPTIMIZER_FILE: save_tensors(_optimizer_tensors(ppo)),
-    }
-    state = {
-        "format": FORMAT,
-        "counters": vars(counters),
-        "roster": roster,
-        "generator": ppo.rng.bit_generator.state,
-        "learning_rates": [
-            float(optimizer.param_groups[0]["lr"])
-            for optimizer in (ppo.policy_optimizer, ppo.value_optimizer)
-        ],
-        "digests": {file: hashlib.sha256(data).hexdigest() for file, data in files.items()},
-    }
-    files[STATE_FILE] = json.dumps(state, indent=1).encode()
-    for file, data in files.items():
-        _write(temporary / file, data)
-    target = folder / name
-    shutil.rmtree(target, ignore_errors=True)
-    temporary.rename(target)
-    _flush_folder(folder)
+    temporary = folder / f".{name}{_PARTIAL}"
+    try:
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        for file, data in _files(ppo, counters, books).items():
+            _write(temporary / file, data)
+        target = _put_in_place(temporary, folder / name)
+    except OSError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
     for old in list_checkpoints(folder)[:-keep]:
-        shutil.rmtree(old, ignore_errors=True)
+        if old != target:
+            shutil.rmtree(old, ignore_errors=True)
     return target
+
+
+def clean_up(folder: Path) -> list[str]:
+    """Remove what crashed writers left in ``folder``; returns the names.
+
+    A checkpoint whose replacement never came gets its name back.
+    """
+    removed = []
+    for path in sorted(folder.glob(f".step-*{_REPLACED}")):
+        target = folder / path.name[1 : -len(_REPLACED)]
+        if not target.exists():
+            with suppress(OSError):
+                path.rename(target)
+    for pattern in (f".step-*{_PARTIAL}", f".step-*{_REPLACED}"):
+        for path in sorted(folder.glob(pattern)):
+            shutil.rmtree(path, ignore_errors=True)
+            removed.append(path.name)
+    return removed
+
+
+def set_aside_later(path: Path) -> list[str]:
+    """Rename the checkpoints after ``path``: the run goes on from there, they are another's story.
+
+    Returns their names; those that the disk holds on to stay.
+    """
+    aside = []
+    for later in list_checkpoints(path.parent):
+        if later.name > path.name:
+            target = later.with_name(f"abandoned-{later.name}")
+            shutil.rmtree(target, ignore_errors=True)
+            with suppress(OSError):
+                later.rename(target)
+                aside.append(later.name)
+    return aside
 
 
 def list_checkpoints(folder: Path) -> list[Path]:
@@ -89,26 +114,32 @@ def list_checkpoints(folder: Path) -> list[Path]:
 
 
 def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
-    """Restore ``ppo`` from ``path``; returns counters and the roster's state.
+    """Restore ``ppo`` from ``path``; returns counters and the books as they were saved.
 
     Raises UserError for a damaged checkpoint (naming the one before it) or one of another
     network; ``ppo`` may then hold a part of it and must not be used.
     """
     try:
-        state = json.loads((path / STATE_FILE).read_text())
+        state = _state(path)
         if state["format"] != FORMAT:
             raise UserError(f"{path}: has format {state['format']}, this program reads {FORMAT}")
-        files = {name: _checked(path, name, digest) for name, digest in state["digests"].items()}
+        files = {name: _checked(path, name, state["digests"][name]) for name in _TENSOR_FILES}
         optimizer = load_tensors(files[OPTIMIZER_FILE])
-        counters = Counters(**state["counters"])
-        generator, rates, roster = state["generator"], state["learning_rates"], state["roster"]
-    except (OSError, ValueError, KeyError, TypeError, SafetensorError) as error:
-        raise UserError(_damaged(path, error)) from None
+        counters = _counters(state["counters"])
+        generator, rates = state["generator"], [float(rate) for rate in state["learning_rates"]]
+        books: dict[str, Any] = {name: state[name] for name in _BOOKS if name in state}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
+        raise UserError(damaged(path, error)) from None
     load_into(ppo.policy, files[POLICY_FILE], str(path / POLICY_FILE))
     load_into(ppo.value, files[VALUE_FILE], str(path / VALUE_FILE))
-    _restore_optimizers(ppo, optimizer, rates, path)
-    ppo.rng.bit_generator.state = generator
-    return counters, roster
+    try:
+        _restore_optimizers(ppo, optimizer, rates, path)
+        ppo.rng.bit_generator.state = generator
+    except (ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:
+        raise UserError(damaged(path, error)) from None
+    if not ppo.is_finite():
+        raise UserError(damaged(path, "the optimizers' moments are not finite"))
+    return counters, books
 
 
 def start_from(run: Path, ppo: PPO) -> Path:
@@ -139,6 +170,80 @@ def find_checkpoint(folder: Path, name: str | None) -> Path:
             "another --run"
         )
     return known[-1]
+
+
+def damaged(path: Path, why: Exception | str) -> str:
+    """A sentence about a checkpoint that cannot be used, naming the one before it."""
+    before = [p.name for p in list_checkpoints(path.parent) if p.name < path.name]
+    advice = f"use --checkpoint {before[-1]}, the one before" if before else "there is none before"
+    if isinstance(why, KeyError):
+        why = f"{why} is missing"
+    return f"{path}: the checkpoint is damaged ({why}); {advice}"
+
+
+def _files(ppo: PPO, counters: Counters, books: dict[str, Any]) -> dict[str, bytes]:
+    """The files of a checkpoint, by name."""
+    metadata = policy_metadata(ppo.config, counters.version, counters.steps)
+    files = {
+        POLICY_FILE: to_bytes(ppo.policy, metadata),
+        VALUE_FILE: to_bytes(ppo.value),
+        OPTIMIZER_FILE: save_tensors(_optimizer_tensors(ppo)),
+    }
+    state = {
+        "format": FORMAT,
+        "counters": vars(counters),
+        **books,
+        "generator": ppo.rng.bit_generator.state,
+        "learning_rates": [
+            float(optimizer.param_groups[0]["lr"])
+            for optimizer in (ppo.policy_optimizer, ppo.value_optimizer)
+        ],
+        "digests": {file: hashlib.sha256(data).hexdigest() for file, data in files.items()},
+    }
+    state["digest"] = _digest_of(state)
+    return {**files, STATE_FILE: json.dumps(state, indent=1).encode()}
+
+
+def _digest_of(state: dict[str, Any]) -> str:
+    """Digest of all entries but the digest itself."""
+    rest = {name: value for name, value in state.items() if name != "digest"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def _state(path: Path) -> dict[str, Any]:
+    state = json.loads((path / STATE_FILE).read_text())
+    if not isinstance(state, dict):
+        raise ValueError(f"{STATE_FILE} holds no map")
+    # Checkpoints of before there was a digest have none.
+    if "digest" in state and state["digest"] != _digest_of(state):
+        raise ValueError(f"{STATE_FILE} is not what was written")
+    return state
+
+
+def _counters(data: Any) -> Counters:
+    counters = Counters(**data)
+    for name, value in vars(counters).items():
+        kind = float if name == "elapsed" else int
+        if type(value) not in (int, kind) or not 0 <= value < float("inf"):
+            raise ValueError(f"{name} cannot be {value!r}")
+    return counters
+
+
+def _put_in_place(temporary: Path, target: Path) -> Path:
+    """Rename; one of the same name steps aside until the new one has taken its place."""
+    replaced = target.with_name(f".{target.name}{_REPLACED}")
+    if target.exists():
+        shutil.rmtree(replaced, ignore_errors=True)
+        target.rename(replaced)
+    try:
+        temporary.rename(target)
+    except OSError:
+        if replaced.exists():
+            replaced.rename(target)
+        raise
+    shutil.rmtree(replaced, ignore_errors=True)
+    _flush_folder(target.parent)
+    return target
 
 
 def _optimizers(ppo: PPO) -> dict[str, tuple[torch.optim.Adam, torch.nn.Module]]:
@@ -184,12 +289,6 @@ def _checked(path: Path, name: str, digest: str) -> bytes:
     if hashlib.sha256(data).hexdigest() != digest:
         raise ValueError(f"{name} is not what was written")
     return data
-
-
-def _damaged(path: Path, error: Exception) -> str:
-    before = [p.name for p in list_checkpoints(path.parent) if p.name < path.name]
-    advice = f"use --checkpoint {before[-1]}, the one before" if before else "there is none before"
-    return f"{path}: the checkpoint is damaged ({error}); {advice}"
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +30,11 @@ class RunFolder:
         """The event log."""
         return self.path / "events.log"
 
+    @property
+    def ledger(self) -> Path:
+        """What became of every chunk; see ``learner.ledger``."""
+        return self.path / "ledger.jsonl"
+
     @classmethod
     def create(cls, path: Path, config: RunConfig) -> RunFolder:
         """Make the folder of a new run; raises UserError when it exists or cannot be made."""
@@ -50,11 +56,29 @@ class RunFolder:
         """Take up an existing run and note the configuration it goes on with."""
         try:
             run_id = str(json.loads((path / "run.json").read_text())["run_id"])
-            (path / "config.yaml").write_text(config.to_yaml())
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path}: is no run folder of lndrl ({error})") from None
+        kept, text = path / "config.yaml", config.to_yaml()
+        try:
+            # A disk without room does not keep a run from going on as it was.
+            if not kept.exists() or kept.read_text() != text:
+                write_whole(kept, text)
+        except OSError as error:
+            raise UserError(f"{kept}: cannot be written ({error.strerror})") from None
         return cls(path, run_id)
 
     def write_summary(self, summary: dict[str, object]) -> None:
-        """Write ``summary.json``."""
-        (self.path / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+        """Write ``summary.json``; raises OSError, and leaves an older one as it was."""
+        write_whole(self.path / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file whole or not at all; raises OSError."""
+    temporary = path.with_name(f".{path.name}.partial")
+    try:
+        temporary.write_text(text)
+        temporary.replace(path)
+    except OSError:
+        with suppress(OSError):
+            temporary.unlink()
+        raise

@@ -8,61 +8,57 @@ again is acknowledged again and trained on once.
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
 from threading import Condition
 from typing import Any
 
 from numpy.typing import NDArray
 
+from learner.accounts import Accounts
+from learner.chunks import Chunk, ChunkQueue, check_chunk, memory_of
 from learner.events import EventLog
 from learner.roster import Roster
 from learner.timing import Rates
 from lndrl.config import RunConfig
-from lndrl.navigation import EpisodeRecord, Trajectory
 from lndrl.transport import PROTOCOL_VERSION, Ack, ChunkHeader, Hello, Refusal, Welcome
 from lndrl.version import VERSION
 
+__all__ = ["Chunk", "Ingest"]
 
-@dataclass(frozen=True)
-class Chunk:
-    """An accepted upload."""
-
-    actor_index: int
-    sequence: int
-    trajectory: Trajectory
-    episodes: list[EpisodeRecord]
-    size: int
-
-    @property
-    def samples(self) -> int:
-        return self.trajectory.action.size
-
-    @property
-    def oldest_version(self) -> int:
-        return int(self.trajectory.version.min())
+_LONGEST_REASON = 500  # letters; what a sender wrote may be in it
 
 
 class Ingest:
     """Handlers of the learner's endpoint and the bounded queue behind them."""
 
     def __init__(
-        self, config: RunConfig, run_id: str, incarnation: str, roster: Roster, events: EventLog
+        self,
+        config: RunConfig,
+        run_id: str,
+        incarnation: str,
+        roster: Roster,
+        events: EventLog,
+        accounts: Accounts | None = None,
     ) -> None:
         self.config = config
         self.run_id = run_id
         self.incarnation = incarnation
         self.roster = roster
         self.events = events
+        self.accounts = accounts or Accounts()
         self.weights_version = 0
+        self.newest_version = 0  # of all that were ever published; a crash may have undone some
         self.done = False
-        self.dropped = {"stale": 0, "duplicate": 0, "refused": 0}
+        self.shut = False
+        self.answers = {"duplicate": 0, "refused": 0, "pause": 0}
         self.gaps = 0
         self.rates = Rates()
-        self._queue: deque[Chunk] = deque()
-        self._samples = 0
-        self._bytes = 0
+        self._queue = ChunkQueue()
         self._changed = Condition()
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Chunks that were not learned from: accepted ones by rule, others by answer."""
+        return {**self.accounts.dropped(), **self.answers}
 
     # -- handlers, called on the transport's threads -----------------------------------------
 
@@ -71,14 +67,18 @@ class Ingest:
         if hello.protocol != PROTOCOL_VERSION or hello.program_version != VERSION:
             return Refusal(
                 f"this learner is lndrl {VERSION} (protocol {PROTOCOL_VERSION}), the actor is "
-                f"lndrl {hello.program_version} (protocol {hello.protocol}); install the same"
+                f"lndrl {hello.program_version[:40]} (protocol {hello.protocol}); install the same"
             )
         if self.done:
             return Refusal("this run is finished; start another learner")
         member = self.roster.join(
             hello.actor_id, hello.incarnation, hello.host, hello.pid, hello.worlds
         )
-        self.events.add("join", f"actor {hello.actor_id} on {hello.host}")
+        if member is None:
+            text = f"actor {hello.actor_id}: {self.roster.counts()[0]} actors are here already"
+            self.events.add("refused", text, hello.actor_id)
+            return Refusal("this learner has all the actors that it can serve; stop one of them")
+        self.events.add("join", f"actor {hello.actor_id} on {member.host}", sender=hello.actor_id)
         return Welcome(
             run_id=self.run_id,
             config=self.config.model_dump(mode="json"),
@@ -92,44 +92,37 @@ class Ingest:
         if self.done:
             return self._ack("accepted" if self._is_known(header) else "stale")
         if header.run_id != self.run_id:
-            return self._refuse(header, f"run {header.run_id} is not this run ({self.run_id})")
+            return self._refuse(header, f"run {header.run_id[:80]} is not this run ({self.run_id})")
         if self._is_known(header):
-            self.dropped["duplicate"] += 1
-            return self._ack("duplicate")
+            return self._count("duplicate")
+        newest = max(self.weights_version, self.newest_version)
         try:
-            trajectory = Trajectory.from_arrays(arrays, self.config)
-            episodes = [EpisodeRecord.from_dict(episode) for episode in header.episodes]
+            trajectory, episodes = check_chunk(header, arrays, self.config, newest)
         except ValueError as error:
             return self._refuse(header, str(error))
-        if not self._wait_for_room(size):
-            return self._ack("accepted" if self._is_known(header) else "pause")
+        size = memory_of(trajectory, size)
+        if not self._wait_for_room(header.actor_id, size):
+            return self._ack("accepted") if self._is_known(header) else self._count("pause")
         member = self.roster.join(
-            header.actor_id, header.incarnation, header.host, header.pid, header.worlds
+            header.actor_id, header.incarnation, header.host, header.pid, header.worlds, hello=False
         )
-        chunk = Chunk(member.index, header.sequence, trajectory, episodes, size)
-        missing = self.roster.accepted(
-            header.actor_id,
-            header.incarnation,
-            header.sequence,
-            chunk.samples,
-            int(trajectory.version.max()),
-            header.timing,
+        if member is None:
+            return self._refuse(header, "this learner has all the actors that it can serve")
+        chunk = Chunk(
+            *(header.actor_id, header.incarnation, header.sequence, member.index),
+            *(trajectory, episodes, size),
         )
-        if missing:
-            self.gaps += missing
-            self.events.add("gap", f"{missing} chunks of actor {header.actor_id} never came")
-        self.rates.add(chunk.samples)
-        with self._changed:
-            self._queue.append(chunk)
-            self._samples += chunk.samples
-            self._bytes += size
-            self._changed.notify_all()
-        return self._ack("accepted")
+        return self._accept(chunk, header.timing)
+
+    def on_malformed(self, reason: str) -> None:
+        """Something came that is no message at all; the transport has refused it."""
+        self.answers["refused"] += 1
+        self.events.add("refused", f"a malformed upload: {reason}", sender="someone")
 
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         """An actor's liveliness token appeared or vanished."""
         if self.roster.gone(actor_id, incarnation, alive):
-            self.events.add("join" if alive else "leave", f"actor {actor_id}")
+            self.events.add("join" if alive else "leave", f"actor {actor_id}", sender=actor_id)
 
     # -- the learner's side ------------------------------------------------------------------
 
@@ -140,32 +133,35 @@ class Ingest:
         """
         with self._changed:
             self._drop_stale()
-            self._changed.wait_for(lambda: self._samples >= samples or self.done, timeout)
+            self._changed.wait_for(lambda: self._queue.samples >= samples or self.done, timeout)
             self._drop_stale()
-            if self._samples < samples:
+            if self._queue.samples < samples:
                 return None
-            taken: list[Chunk] = []
-            while sum(chunk.samples for chunk in taken) < samples:
-                taken.append(self._pop(0))
+            taken = self._queue.take(samples)
             self._changed.notify_all()
             return taken
 
     def take_round(self, actors: int, timeout: float) -> list[Chunk] | None:
         """One chunk of each of ``actors`` actors, ordered by actor; None after ``timeout`` s."""
-
-        def first_of_each() -> dict[int, int]:
-            return {c.actor_index: i for i, c in reversed(list(enumerate(self._queue)))}
-
         with self._changed:
-            self._changed.wait_for(lambda: len(first_of_each()) >= actors or self.done, timeout)
-            places = first_of_each()
-            if len(places) < actors:
+            self._changed.wait_for(lambda: self._queue.actors() >= actors or self.done, timeout)
+            if self._queue.actors() < actors:
                 return None
-            chunks = {index: self._queue[place] for index, place in places.items()}
-            for place in sorted(places.values(), reverse=True):
-                self._pop(place)
+            taken = self._queue.take_first_of_each()
             self._changed.notify_all()
-            return [chunks[index] for index in sorted(chunks)]
+            return taken
+
+    def to_state(self) -> dict[str, Any]:
+        """Roster and accounts of one moment, for a checkpoint."""
+        with self._changed:
+            return {"roster": self.roster.to_state(), "accounts": self.accounts.to_state()}
+
+    def close(self) -> None:
+        """Accept nothing any more; what waits is dropped, as the run ends here."""
+        with self._changed:
+            self.shut = True
+            self.accounts.drop("end", [chunk.id for chunk in self._queue.remove()])
+            self._changed.notify_all()
 
     def finish(self) -> None:
         """Tell every actor that asks from now on that the run is done."""
@@ -176,52 +172,75 @@ class Ingest:
     def waiting(self) -> dict[str, float]:
         """What waits in the queue, for the status."""
         with self._changed:
-            return {"chunks": len(self._queue), "megabytes": self._bytes / 1e6}
+            return {"chunks": len(self._queue), "megabytes": self._queue.bytes / 1e6}
 
     # -- small steps -------------------------------------------------------------------------
 
-    def _pop(self, place: int) -> Chunk:
-        chunk = self._queue[place]
-        del self._queue[place]
-        self._samples -= chunk.samples
-        self._bytes -= chunk.size
-        return chunk
+    def _accept(self, chunk: Chunk, timing: dict[str, float]) -> Ack:
+        """Into books and queue in one moment, so that no checkpoint sees the one without it."""
+        with self._changed:
+            if self.roster.is_known(*chunk.id):
+                return self._count("duplicate")
+            if self.done or self.shut:
+                return self._count("pause")
+            self.accounts.accept(chunk.id, chunk.samples)
+            version = int(chunk.trajectory.version.max())
+            missing = self.roster.accepted(*chunk.id, chunk.samples, version, timing)
+            self._queue.put(chunk)
+            self._changed.notify_all()
+        if missing:
+            self.gaps += missing
+            text = f"{missing:,} chunks of actor {chunk.actor_id} never came"
+            self.events.add("gap", text, sender=chunk.actor_id)
+        self.rates.add(chunk.samples)
+        return self._ack("accepted")
 
     def _drop_stale(self) -> None:
         limit = self.weights_version - self.config.learner.max_lag
-        for place in reversed(range(len(self._queue))):
-            if self._queue[place].oldest_version < limit:
-                self._pop(place)
-                self.dropped["stale"] += 1
-                self._changed.notify_all()
+        stale = self._queue.remove(lambda chunk: chunk.oldest_version < limit)
+        if stale:
+            self.accounts.drop("stale", [chunk.id for chunk in stale])
+            self._changed.notify_all()
 
-    def _has_room(self, size: int) -> bool:
-        if self.config.learner.mode == "lockstep":
-            return True  # every actor waits for weights by itself
+    def _has_room(self, actor_id: str, size: int) -> bool:
         learner = self.config.learner
+        if learner.mode == "lockstep":
+            # An honest actor waits for weights by itself.
+            return self._queue.of(actor_id) <= self.config.transport.upload_window
         # More than one batch in waiting would only grow old there.
-        return self._samples < self.config.ppo.batch_size and (
-            not self._queue
+        return self._queue.samples < self.config.ppo.batch_size and (
+            not len(self._queue)
             or (
                 len(self._queue) < learner.queue_chunks
-                and self._bytes + size <= learner.queue_megabytes * 1e6
+                and self._queue.bytes + size <= learner.queue_megabytes * 1e6
             )
         )
 
-    def _wait_for_room(self, size: int) -> bool:
+    def _wait_for_room(self, actor_id: str, size: int) -> bool:
         # Half the sender's patience: it hears "pause" before it would send again.
         timeout = 0.5 * self.config.transport.upload_timeout
+        if self.config.learner.mode == "lockstep":
+            timeout = 0.0  # who floods must not keep others waiting, on whom the round depends
+
+        def over() -> bool:
+            return self.done or self.shut
+
         with self._changed:
-            self._changed.wait_for(lambda: self._has_room(size) or self.done, timeout)
-            return self._has_room(size) and not self.done
+            self._changed.wait_for(lambda: self._has_room(actor_id, size) or over(), timeout)
+            return self._has_room(actor_id, size) and not over()
 
     def _is_known(self, header: ChunkHeader) -> bool:
         return self.roster.is_known(header.actor_id, header.incarnation, header.sequence)
 
     def _refuse(self, header: ChunkHeader, reason: str) -> Ack:
-        self.dropped["refused"] += 1
-        self.events.add("refused", f"chunk {header.sequence} of {header.actor_id}: {reason}")
-        return self._ack("refused", reason)
+        reason = reason[:_LONGEST_REASON]
+        text = f"chunk {header.sequence} of {header.actor_id}: {reason}"
+        self.events.add("refused", text, sender=header.actor_id)
+        return self._count("refused", reason)
+
+    def _count(self, status: str, reason: str = "") -> Ack:
+        self.answers[status] += 1
+        return self._ack(status, reason)
 
     def _ack(self, status: str, reason: str = "") -> Ack:
         return Ack(

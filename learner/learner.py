@@ -9,17 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from learner.accounts import Accounts
 from learner.batch import Batch, assemble
 from learner.checkpoint import (
     Counters,
+    clean_up,
+    damaged,
     find_checkpoint,
     load_checkpoint,
     save_checkpoint,
+    set_aside_later,
     start_from,
 )
 from learner.events import EventLog
 from learner.folder import RunFolder
 from learner.ingest import Chunk, Ingest
+from learner.ledger import Ledger
 from learner.memory import keep_freed_memory
 from learner.record import EpisodeWindow, Recorder, RunSummary
 from learner.rollout_store import RolloutStore
@@ -31,6 +36,8 @@ from lndrl.errors import UserError
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
 from lndrl.transport.status import LEARNER_ACTIVITIES, overhead
+
+_MOST_FAILURES = 3  # updates in a row that diverge before the learner gives up
 
 
 class Learner:
@@ -63,28 +70,43 @@ class Learner:
         self.roster = Roster()
         self.counters = Counters()
         begin = "from scratch"
+        chosen: Path | None = None
+        books: dict[str, Any] = {}
         if resume:
+            clean_up(path / "checkpoints")
             chosen = find_checkpoint(path / "checkpoints", checkpoint)
-            self.counters, roster = load_checkpoint(chosen, self.ppo)
-            self.roster.restore(roster)
+            self.counters, books = load_checkpoint(chosen, self.ppo)
         elif config.learner.start is not None:
             begin = f"from the networks of {start_from(Path(config.learner.start), self.ppo)}"
         self.folder = (RunFolder.open if resume else RunFolder.create)(path, config)
         self.events = EventLog(self.folder.events, quiet)
+        on_change = self.events.on_disk_change
+        self.accounts = Accounts(
+            Ledger(self.folder.ledger, lambda error: on_change("ledger.jsonl", error))
+        )
         self.ingest = Ingest(
-            config, self.folder.run_id, endpoint.incarnation, self.roster, self.events
+            config,
+            self.folder.run_id,
+            endpoint.incarnation,
+            self.roster,
+            self.events,
+            self.accounts,
         )
         self.episodes = EpisodeWindow(self.counters.episodes)
-        self.recorder = Recorder(self.folder.path, self.counters.updates)
         self.split = TimeSplit(LEARNER_ACTIVITIES)
         self.figures: dict[str, float] = {}
         self.lag: dict[str, float] = {}
         self.history: list[dict[str, Any]] = []
-        self.last_checkpoint: tuple[Path, float] | None = None
+        self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
+        self.first_update: float | None = None  # of this session, monotonic s
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
+        self._failures = 0
         where = f"from step {self.counters.steps:,}" if resume else begin
         self.events.add("start", f"run {self.folder.run_id} {where}")
+        if chosen is not None:
+            self._take_up(chosen, books)
+        self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
 
     # -- the loop ----------------------------------------------------------------------------
 
@@ -104,7 +126,10 @@ class Learner:
         self._publish()
 
     def advance(self, timeout: float) -> bool:
-        """One update if a batch comes within ``timeout`` s; whether it did."""
+        """One update if a batch comes within ``timeout`` s; whether there was one.
+
+        Raises UserError when several batches in a row made it diverge.
+        """
         with self.split.during("wait"):
             chunks = self._collect(timeout)
         if chunks is None:
@@ -113,7 +138,9 @@ class Learner:
         with self.split.during("ingest"):
             batch = assemble([chunk.trajectory for chunk in chunks], self.store)
         with self.split.during("update"):
-            self._update(batch)
+            learned = self._update(batch, chunks)
+        if not learned:
+            return False
         with self.split.during("publish"):
             self._publish()
         self._record(chunks, time.monotonic() - began)
@@ -123,6 +150,7 @@ class Learner:
 
     def end(self) -> None:
         """Leave a checkpoint and say goodbye; the endpoint stays open for last answers."""
+        self.ingest.close()
         if self.counters.updates and (
             self.last_checkpoint is None
             or self.last_checkpoint[0].name != f"step-{self.counters.steps:09d}"
@@ -131,7 +159,10 @@ class Learner:
         if self.finished:
             self.ingest.finish()
             self.endpoint.finish()
-        self.folder.write_summary(self.summary().to_dict())
+        try:
+            self.folder.write_summary(self.summary().to_dict())
+        except OSError as error:
+            self.events.add("disk", f"summary.json cannot be written ({error.strerror or error})")
         word = "finished" if self.finished else "stopped"
         self.events.add("end", f"{word} at step {self.counters.steps:,}")
 
@@ -139,6 +170,8 @@ class Learner:
         """Release threads and files; the endpoint belongs to whoever opened it."""
         self.ppo.close()
         self.recorder.close()
+        self.accounts.close()
+        self.events.close()
 
     # -- steps of the loop -------------------------------------------------------------------
 
@@ -147,22 +180,61 @@ class Learner:
             return self.ingest.take_round(self.config.fixed_actors, timeout)
         return self.ingest.take(self.config.ppo.batch_size, timeout)
 
-    def _update(self, batch: Batch) -> None:
+    def _take_up(self, checkpoint: Path, books: dict[str, Any]) -> None:
+        """Learn from the checkpoint and the ledger what came in before, and what was lost."""
+        try:
+            self.roster.restore(books["roster"])
+            recovery = self.accounts.resume(
+                books.get("accounts"),
+                self.counters.updates,
+                lambda chunk: self.roster.is_known(*chunk),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise UserError(damaged(checkpoint, error)) from None
+        self.roster.reconcile(recovery.settled, recovery.excused)
+        self.ingest.newest_version = recovery.newest_version
+        for note in recovery.notes:
+            self.events.add("ledger", note)
+        if recovery.lost.chunks:
+            text = f"{recovery.lost} were acknowledged and are not in the checkpoint"
+            self.events.add("restart", text)
+        aside = set_aside_later(checkpoint)
+        if aside:
+            text = f"set aside as abandoned, the run goes on before: {', '.join(aside)}"
+            self.events.add("checkpoint", text)
+
+    def _update(self, batch: Batch, chunks: list[Chunk]) -> bool:
+        """Learn from ``chunks``, or drop them where the update diverges; whether it learned."""
         lag = np.maximum(self.counters.version - batch.version, 0)
         progress = min(1.0, self.counters.steps / self.config.learner.total_steps)
         try:
             self.figures = self.ppo.update(batch, progress)
         except DivergedError as error:
-            newest = self.last_checkpoint
-            kept = f"the checkpoint {newest[0].name} is intact" if newest else "none was saved"
-            self.events.add("diverged", str(error))
-            raise UserError(
-                f"training diverged at update {self.counters.updates + 1} ({error}); {kept}, "
-                "resume with a lower learning rate"
-            ) from None
+            self._diverged(chunks, error)
+            return False
+        self._failures = 0
         self.lag = {"mean": float(lag.mean()), "max": int(lag.max())}
         self.counters.steps += len(batch)
         self.counters.updates += 1
+        self.accounts.train(self.counters.updates, [chunk.id for chunk in chunks])
+        return True
+
+    def _diverged(self, chunks: list[Chunk], error: DivergedError) -> None:
+        """Go on with the state from before the update, which ``ppo`` has restored."""
+        self._failures += 1
+        self.accounts.drop("diverged", [chunk.id for chunk in chunks])
+        update = self.counters.updates + 1
+        text = f"update {update}: {error}; its batch is dropped, networks are as before it"
+        self.events.add("diverged", text)
+        # In lock-step the actors would wait for ever for the weights of this round.
+        if self._failures < _MOST_FAILURES and self.config.learner.mode != "lockstep":
+            return
+        newest = self.last_checkpoint
+        kept = f"the checkpoint {newest[0].name} is intact" if newest else "no checkpoint was saved"
+        raise UserError(
+            f"training diverged at update {update}, {self._failures} times in a row ({error}); "
+            f"{kept}, resume with a lower learning rate"
+        ) from None
 
     def _publish(self) -> None:
         """Offer the current weights under the next version."""
@@ -205,6 +277,7 @@ class Learner:
             },
         }
         self.recorder.add(row)
+        self.first_update = self.first_update or time.monotonic()
         self.history.append(_history_row(row))
         del self.history[:-600]
 
@@ -216,13 +289,14 @@ class Learner:
                     self.folder.checkpoints,
                     self.ppo,
                     self.counters,
-                    self.roster.to_state(),
+                    self.ingest.to_state(),
                     self.config.learner.keep_checkpoints,
                 )
             except OSError as error:
                 self.events.add("disk", f"no checkpoint at step {self.counters.steps:,}: {error}")
                 return
-        self.last_checkpoint = (path, time.time())
+            self.accounts.checkpointed(self.counters.updates, self.counters.steps)
+        self.last_checkpoint = (path, time.monotonic())
         self.events.add("checkpoint", path.name)
 
     # -- what others may ask -----------------------------------------------------------------
@@ -246,7 +320,8 @@ class Learner:
             updates=self.counters.updates,
             seconds=self.elapsed,
             episodes=self.episodes.figures(),
-            dropped=dict(self.ingest.dropped),
+            dropped=self.ingest.dropped,
+            accounts=self.accounts.totals(),
             checkpoint=self.last_checkpoint[0] if self.last_checkpoint else None,
         )
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from learner.lines import LineFile
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
-from lndrl.view.metrics import read_metrics
 
 _WINDOW = 200  # episodes behind every rate
 
@@ -58,34 +60,107 @@ class EpisodeWindow:
 
 
 class Recorder:
-    """Appends one row per update to ``metrics.jsonl`` and TensorBoard.
+    """Appends one row per update to ``metrics.jsonl`` and TensorBoard; never raises.
 
     On resume, rows beyond the checkpoint (``updates``) are cut, so the file tells one history.
+    ``on_change(what, error)`` hears that the disk refuses, and with None that it works again.
     """
 
-    def __init__(self, folder: Path, updates: int) -> None:
-        self._path = folder / "metrics.jsonl"
-        # A new run has no file, and a resumed one may have lost it: neither stops the training.
-        rows = read_metrics(self._path) if updates and self._path.exists() else []
-        kept = [row for row in rows if row["update"] <= updates]
-        self._path.write_text("".join(json.dumps(row) + "\n" for row in kept))
-        # Slow to import, and needed by a learner alone.
-        from torch.utils.tensorboard import SummaryWriter
-
-        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=updates or None)
+    def __init__(
+        self,
+        folder: Path,
+        updates: int,
+        on_change: Callable[[str, OSError | None], None] = lambda what, error: None,
+    ) -> None:
+        self._on_change = on_change
+        path = folder / "metrics.jsonl"
+        try:
+            _cut(path, updates)
+        except OSError as error:
+            on_change(path.name, error)
+        self._file = LineFile(path, partial(on_change, path.name), keep=1000)
+        self._file.flush()
+        self._folder = folder / "tensorboard"
+        self._board: Any = None
+        self._board_refused = False
+        self._open_board(updates)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Write one row."""
-        with self._path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        for group in ("episodes", "reward_parts", "ppo", "lag", "time"):
-            for name, value in row[group].items():
-                if isinstance(value, int | float):
-                    self._board.add_scalar(f"{group}/{name}", value, row["steps"])
+        """Write one row; numbers that are not finite become null."""
+        try:
+            line = json.dumps(row, allow_nan=False)
+        except ValueError:
+            line = json.dumps(_finite(row), allow_nan=False)
+        self._file.add(line)
+        if self._board is None:
+            self._open_board(row["update"] - 1)
+        if self._board is not None:
+            self._on_board(lambda board: _add_scalars(board, row))
 
     def close(self) -> None:
         """Flush everything."""
-        self._board.close()
+        self._file.close()
+        if self._board is not None:
+            self._on_board(lambda board: board.close())
+
+    def _open_board(self, updates: int) -> None:
+        # Slow to import, and needed by a learner alone.
+        from torch.utils.tensorboard import SummaryWriter
+
+        try:
+            self._board = SummaryWriter(str(self._folder), purge_step=updates or None)
+        except OSError as error:
+            self._refused(error)
+        else:
+            if self._board_refused:
+                self._board_refused = False
+                self._on_change("tensorboard/", None)
+
+    def _on_board(self, work: Callable[[Any], None]) -> None:
+        # Its own thread writes; what that one met is raised here, by any of its methods.
+        try:
+            work(self._board)
+        except Exception as error:
+            self._board = None
+            self._refused(error if isinstance(error, OSError) else OSError(str(error)))
+
+    def _refused(self, error: OSError) -> None:
+        if not self._board_refused:
+            self._board_refused = True
+            self._on_change("tensorboard/", error)
+
+
+def _cut(path: Path, updates: int) -> None:
+    """Cut a file of rows after the last one up to ``updates``; needs no room on the disk."""
+    if not updates or not path.exists():
+        path.write_text("")
+        return
+    end = place = 0
+    with path.open("rb+") as file:
+        for line in file:
+            place += len(line)
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError):
+                continue  # the disk was full half-way through it
+            if isinstance(row, dict) and row.get("update", updates + 1) <= updates:
+                end = place
+        file.truncate(end)
+
+
+def _add_scalars(board: Any, row: dict[str, Any]) -> None:
+    for group in ("episodes", "reward_parts", "ppo", "lag", "time"):
+        for name, value in row[group].items():
+            if isinstance(value, int | float) and math.isfinite(value):
+                board.add_scalar(f"{group}/{name}", value, row["steps"])
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 @dataclass(frozen=True)
@@ -99,6 +174,7 @@ class RunSummary:
     seconds: float
     episodes: dict[str, Any]
     dropped: dict[str, int]
+    accounts: dict[str, Any]
     checkpoint: Path | None
 
     def to_dict(self) -> dict[str, Any]:
@@ -112,6 +188,7 @@ class RunSummary:
             "steps_per_second": round(self.steps / max(self.seconds, 1e-9), 1),
             "episodes": self.episodes,
             "dropped": self.dropped,
+            "accounts": self.accounts,
             "checkpoint": str(self.checkpoint) if self.checkpoint else None,
         }
 

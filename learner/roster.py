@@ -4,44 +4,25 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import Any
 
+from learner.ledger import ChunkId
+from learner.sequences import Sequences
 from learner.timing import Rates
 from lndrl.transport.status import ACTOR_ACTIVITIES, shares_of
 
-_WINDOW = 16  # uploads that may overtake one that is still on its way
 _SLOW_AFTER = 5.0  # s without an acknowledged chunk beyond the actor's own rhythm
+_RHYTHM = 8  # chunks that tell the rhythm
+_SLACK = 60.0  # s of activity that a chunk may report beyond the time since the one before
+_TIMINGS = 4096  # chunks whose timing is remembered, of each actor
+_MEMBERS = 2048
+_LONGEST_HOST = 64  # letters
+_LIVES = 8  # incarnations of one actor whose sequences are remembered
+_LATE = 2  # chunks of a vanished actor that may have been on their way
 _WINDOW_SECONDS = 60.0  # behind every share of an actor's time
-
-
-class Sequences:
-    """Which sequences of one incarnation were accepted; uploads may overtake one another.
-
-    Sequences count from 1. Everything below ``next`` is settled; ``beyond`` holds those that came
-    early. A hole that stays behind ``_WINDOW`` later uploads is given up as lost.
-    """
-
-    def __init__(self, next_sequence: int = 1, beyond: set[int] | None = None) -> None:
-        self.next = next_sequence
-        self.beyond = beyond or set()
-
-    def __contains__(self, sequence: int) -> bool:
-        return sequence < self.next or sequence in self.beyond
-
-    def add(self, sequence: int) -> int:
-        """Note an accepted sequence; returns how many were given up as lost by that."""
-        self.beyond.add(sequence)
-        lost = 0
-        if len(self.beyond) > _WINDOW:
-            lost = min(self.beyond) - self.next
-            self.next = min(self.beyond)
-        while self.next in self.beyond:
-            self.beyond.remove(self.next)
-            self.next += 1
-        return lost
 
 
 @dataclass
@@ -56,13 +37,49 @@ class Member:
     worlds: int = 0
     alive: bool = True
     retired: bool = False  # taken away on purpose: nobody need worry
+    joined: float = field(default_factory=lambda: time.monotonic())
     last_ack: float | None = None  # monotonic s
-    interval: float = 0.0  # s between its last two chunks
+    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_RHYTHM))  # s
+    late: int = 0  # chunks that came since it vanished
     version: int = 0
     steps: int = 0
     restarts: int = 0
-    timings: deque[tuple[float, dict[str, float]]] = field(default_factory=deque)
+    seen: deque[str] = field(default_factory=lambda: deque(maxlen=_LIVES))  # incarnations
+    lives: dict[str, Sequences] = field(default_factory=dict)  # the one heard of last is last
+    timings: deque[tuple[float, dict[str, float]]] = field(
+        default_factory=lambda: deque(maxlen=_TIMINGS)
+    )
     rates: Rates = field(default_factory=Rates)
+
+    @property
+    def last_heard(self) -> float:
+        """Monotonic s of its last chunk, or of when it joined."""
+        return self.joined if self.last_ack is None else self.last_ack
+
+    def sequences(self, incarnation: str) -> Sequences:
+        """Those of ``incarnation``; only the last few that delivered anything are remembered."""
+        known = self.lives.pop(incarnation, None) or Sequences()
+        while len(self.lives) >= _LIVES:
+            del self.lives[next(iter(self.lives))]
+        self.lives[incarnation] = known
+        return known
+
+    def become(self, incarnation: str) -> None:
+        """Go on as ``incarnation``."""
+        if incarnation not in self.seen:
+            self.restarts += bool(self.seen)
+            self.seen.append(incarnation)
+        # A chunk may still be on its way from an actor that was taken away.
+        self.retired = self.retired and self.incarnation == incarnation
+        if self.incarnation != incarnation:
+            self.incarnation, self.alive = incarnation, True
+
+    def state(self, now: float) -> str:
+        """active, slow or gone at ``now`` (monotonic s)."""
+        if not self.alive:
+            return "gone"
+        silent = 0.0 if self.last_ack is None else now - self.last_ack
+        return "slow" if silent > _SLOW_AFTER + max(self.intervals, default=0.0) else "active"
 
     def seconds(self, since: float) -> dict[str, float]:
         """By activity, of the newest chunk and all that came after ``since`` (monotonic s)."""
@@ -73,29 +90,63 @@ class Member:
                 _add(total, timing)
         return total
 
+    def delivered(self, steps: int, version: int, timing: Mapping[str, float]) -> dict[str, float]:
+        """Note a chunk that was accepted now; returns its timing as far as it can be true."""
+        now = time.monotonic()
+        told = {k: max(0.0, v) for k, v in timing.items() if k in ACTOR_ACTIVITIES}
+        most, total = max(0.0, now - self.last_heard) + _SLACK, sum(told.values())
+        if total > most:
+            told = {name: value * (most / total) for name, value in told.items()}
+        if self.last_ack is not None and self.alive:
+            self.intervals.append(now - self.last_ack)
+        self.last_ack = now
+        if not self.alive:
+            # What was on its way when an actor froze or died does not bring it back to life.
+            self.late += 1
+            self.alive = self.late > _LATE
+        self.steps += steps
+        self.version = version
+        self.timings.append((now, told))
+        while self.timings[0][0] < now - _WINDOW_SECONDS:
+            self.timings.popleft()
+        self.rates.add(steps)
+        return told
+
 
 class Roster:
-    """Thread-safe table of actors with the accepted sequences of every incarnation."""
+    """Thread-safe table of actors with the accepted sequences of their incarnations.
 
-    def __init__(self) -> None:
+    Bounded: beyond ``most`` actors, one that is gone or never delivered anything is forgotten.
+    """
+
+    def __init__(self, most: int = _MEMBERS) -> None:
+        self._most = most
         self._members: dict[str, Member] = {}
-        self._sequences: dict[tuple[str, str], Sequences] = {}
+        self._next_index = 0
         self._totals: dict[str, float] = {}  # s by activity of all chunks ever accepted
         self._lock = Lock()
 
-    def join(self, actor_id: str, incarnation: str, host: str, pid: int, worlds: int) -> Member:
-        """Register an actor or its new incarnation; the index of an id never changes."""
+    def join(
+        self,
+        actor_id: str,
+        incarnation: str,
+        host: str,
+        pid: int,
+        worlds: int,
+        hello: bool = True,
+    ) -> Member | None:
+        """Register an actor or its new incarnation; the index of an id never changes.
+
+        ``hello``: the actor said so itself just now, it is no chunk that was on its way. None
+        when there are too many actors.
+        """
         with self._lock:
-            member = self._members.get(actor_id)
-            if member is None:
-                member = Member(actor_id, index=len(self._members))
-                self._members[actor_id] = member
-            elif member.incarnation not in ("", incarnation):
-                member.restarts += 1
-            # A chunk may still be on its way from an actor that was taken away.
-            member.retired = member.retired and member.incarnation == incarnation
-            member.incarnation, member.host, member.pid = incarnation, host, pid
-            member.worlds, member.alive = worlds, True
+            member = self._member(actor_id)
+            if member is not None:
+                member.become(incarnation)
+                member.host = "".join(c if c.isprintable() else "?" for c in host[:_LONGEST_HOST])
+                member.pid, member.worlds = pid, worlds
+                member.alive = member.alive or hello
             return member
 
     def retire(self, actor_id: str) -> None:
@@ -110,13 +161,14 @@ class Roster:
             member = self._members.get(actor_id)
             if member is None or member.incarnation != incarnation or member.alive == alive:
                 return False
-            member.alive = alive
+            member.alive, member.late = alive, 0
             return True
 
     def is_known(self, actor_id: str, incarnation: str, sequence: int) -> bool:
         """Whether this upload was accepted before."""
         with self._lock:
-            known = self._sequences.get((actor_id, incarnation))
+            member = self._members.get(actor_id)
+            known = member.lives.get(incarnation) if member is not None else None
             return known is not None and sequence in known
 
     def accepted(
@@ -126,25 +178,13 @@ class Roster:
         sequence: int,
         steps: int,
         version: int,
-        timing: dict[str, float],
+        timing: Mapping[str, float],
     ) -> int:
         """Note an accepted chunk of a member that has joined; returns chunks found missing."""
-        now = time.monotonic()
-        timing = {k: max(0.0, v) for k, v in timing.items() if k in ACTOR_ACTIVITIES}
         with self._lock:
-            known = self._sequences.setdefault((actor_id, incarnation), Sequences())
-            missing = known.add(sequence)
             member = self._members[actor_id]
-            if member.last_ack is not None:
-                member.interval = now - member.last_ack
-            member.last_ack, member.alive = now, True
-            member.steps += steps
-            member.version = version
-            member.timings.append((now, timing))
-            while member.timings[0][0] < now - _WINDOW_SECONDS:
-                member.timings.popleft()
-            _add(self._totals, timing)
-            member.rates.add(steps)
+            missing = member.sequences(incarnation).add(sequence)
+            _add(self._totals, member.delivered(steps, version, timing))
             return missing
 
     def counts(self) -> tuple[int, int]:
@@ -184,15 +224,14 @@ class Roster:
             seconds = [member.seconds(now - _WINDOW_SECONDS) for member in members]
         rows = []
         for member, spent in zip(members, seconds, strict=True):
-            age = None if member.last_ack is None else now - member.last_ack
-            slow = age is not None and age > _SLOW_AFTER + 3.0 * member.interval
+            age = None if member.last_ack is None else max(0.0, now - member.last_ack)
             rows.append(
                 {
                     "id": member.actor_id,
                     "host": member.host,
                     "pid": member.pid,
                     "worlds": member.worlds,
-                    "state": "gone" if not member.alive else ("slow" if slow else "active"),
+                    "state": member.state(now),
                     "last_ack_age": age,
                     "lag": max(0, weights_version - member.version),
                     "steps": member.steps,
@@ -208,21 +247,56 @@ class Roster:
         with self._lock:
             return {
                 "actors": {m.actor_id: m.index for m in self._members.values()},
+                "next_index": self._next_index,
                 "sequences": [
-                    [actor, incarnation, known.next, sorted(known.beyond)]
-                    for (actor, incarnation), known in self._sequences.items()
+                    [member.actor_id, incarnation, known.next, sorted(known.beyond)]
+                    for member in self._members.values()
+                    for incarnation, known in member.lives.items()
                 ],
             }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Take up the table of a checkpoint; its actors count as gone until heard of."""
+        """Take up the table of a checkpoint; its actors count as gone until heard of.
+
+        Raises KeyError, TypeError or ValueError for what is no such table.
+        """
+        indices = {str(actor): int(index) for actor, index in state["actors"].items()}
         with self._lock:
-            for actor_id, index in state["actors"].items():
-                self._members[actor_id] = Member(actor_id, index=index, alive=False)
-            self._sequences = {
-                (actor, incarnation): Sequences(following, set(beyond))
-                for actor, incarnation, following, beyond in state["sequences"]
-            }
+            self._members = {a: Member(a, index, alive=False) for a, index in indices.items()}
+            after = max(indices.values(), default=-1) + 1
+            self._next_index = max(after, int(state.get("next_index", 0)))
+            for actor, incarnation, following, beyond in state["sequences"]:
+                lives = self._members[actor].lives
+                lives[str(incarnation)] = Sequences(int(following), map(int, beyond))
+
+    def reconcile(self, settled: Iterable[ChunkId], excused: Iterable[ChunkId]) -> None:
+        """After ``restore``: what else must not come again, and what need not come."""
+        with self._lock:
+            for chunks, note in ((settled, Sequences.settle), (excused, Sequences.excuse)):
+                for actor, incarnation, sequence in chunks:
+                    known = actor in self._members
+                    member = self._member(actor)
+                    if member is not None:
+                        member.alive = member.alive and known
+                        note(member.sequences(incarnation), sequence)
+
+    def _member(self, actor_id: str) -> Member | None:
+        """The actor's row, a new one where there is none yet and room for it."""
+        if actor_id not in self._members:
+            if len(self._members) >= self._most and not self._forget_one():
+                return None
+            self._members[actor_id] = Member(actor_id, self._next_index)
+            self._next_index += 1
+        return self._members[actor_id]
+
+    def _forget_one(self) -> bool:
+        free = [m for m in self._members.values() if not (m.alive and m.lives)]
+        if not free:
+            return False
+        # Whoever delivered something is worth more than whoever only said hello.
+        oldest = min(free, key=lambda m: (bool(m.lives), m.alive, m.last_heard))
+        del self._members[oldest.actor_id]
+        return True
 
 
 def _add(total: dict[str, float], seconds: Mapping[str, float]) -> None:

@@ -20,14 +20,13 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     actors = learner.roster.rows(counters.version)
     actor_shares = learner.roster.shares()
     left = max(0, config.learner.total_steps - counters.steps)
-    now = time.time()
     kept = learner.last_checkpoint
     return {
         "run_id": learner.folder.run_id,
         "run_name": learner.folder.path.name,
         "verdict": _verdict(learner, actors),
         "state": "done" if learner.finished else ("training" if counters.updates else "waiting"),
-        "time": now,
+        "time": max(0.0, time.time()),
         "uptime": time.monotonic() - learner.started,
         "steps": counters.steps,
         "total_steps": config.learner.total_steps,
@@ -43,10 +42,11 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "episodes": learner.episodes.figures(),
         "ppo": learner.figures,
         "lag": learner.lag,
-        "dropped": dict(ingest.dropped),
+        "dropped": ingest.dropped,
+        "accounts": learner.accounts.totals(),
         "queue": ingest.waiting(),
         "events": learner.events.recent(),
-        "checkpoint": {"path": str(kept[0]), "age": now - kept[1]} if kept else None,
+        "checkpoint": {"path": str(kept[0]), "age": time.monotonic() - kept[1]} if kept else None,
     }
 
 
@@ -56,7 +56,8 @@ def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
     if all(actor["state"] == "gone" for actor in actors):
         return "waiting for actors"
     # That the learner waited for the first batch of all says nothing about the balance.
-    since = time.time() - learner.history[0]["time"] if learner.history else 0.0
+    first = learner.first_update
+    since = time.monotonic() - first if first is not None else 0.0
     if since < _SETTLING:
         return "learning"
     waits = learner.split.shares(since)["wait"]

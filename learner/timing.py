@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 
+_FINEST = 0.1  # s between marks of a rate
+
 
 class TimeSplit:
     """Records which activity ran when; one thread writes, any thread reads.
@@ -91,7 +93,12 @@ class Rates:
     def add(self, count: int) -> None:
         """Count ``count`` more events now."""
         with self._lock:
-            self._marks.append((self._clock(), self._marks[-1][1] + count))
+            mark = self._clock(), self._marks[-1][1] + count
+            # However fast things come, a second costs no more than a few marks.
+            if len(self._marks) > 2 and mark[0] - self._marks[-2][0] < _FINEST:
+                self._marks[-1] = mark
+            else:
+                self._marks.append(mark)
             horizon = self._marks[-1][0] - self._windows[-1]
             while len(self._marks) > 2 and self._marks[1][0] < horizon:
                 self._marks.popleft()

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from learner.batch import Batch, batch_advantages
 from learner.losses import explained_variance, policy_loss, value_loss
+from learner.safeguard import Safeguard
 from learner.samples import DeviceSamples, Samples, SharedInputs
 from learner.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
@@ -70,6 +71,7 @@ class PPO:
         self._critic = self._trainee(
             self.value, config.ppo.critic_learning_rate, self._value_loss, ()
         )
+        self._safeguard = Safeguard((self._actor, self._critic))
         self.policy_optimizer = self._actor.optimizer
         self.value_optimizer = self._critic.optimizer
         self.samples: Samples = (
@@ -87,8 +89,28 @@ class PPO:
     def update(self, batch: Batch, progress: float) -> dict[str, float]:
         """Train on ``batch``; ``progress`` in [0, 1] drives the learning-rate schedule.
 
-        Returns the figures of the update by name. Raises DivergedError.
+        Returns the figures of the update by name. Raises DivergedError where a loss, gradient,
+        weight or moment is not finite; networks, optimizers and ``rng`` are then as before.
         """
+        order = self.rng.bit_generator.state
+        self._safeguard.keep()
+        try:
+            figures = self._update(batch, progress)
+            if not self._safeguard.is_finite():
+                raise DivergedError("weights or moments are no numbers any more")
+        except DivergedError:
+            if self.device.type == "cuda":
+                torch.cuda.synchronize(self.device)  # the other network may be at work yet
+            self._safeguard.restore()
+            self.rng.bit_generator.state = order
+            raise
+        return figures
+
+    def is_finite(self) -> bool:
+        """Whether all weights and moments are numbers."""
+        return self._safeguard.is_finite()
+
+    def _update(self, batch: Batch, progress: float) -> dict[str, float]:
         ppo = self.config.ppo
         scale = 1.0 - progress if ppo.learning_rate_schedule == "linear" else 1.0
         self._actor.set_rate(scale * ppo.actor_learning_rate)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
@@ -12,6 +11,7 @@ from lndrl.navigation.track import Track
 
 Outcome = Literal["arrived", "collided", "lost", "timeout"]
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
+_LARGEST = 1e12  # of any figure; sums over many episodes stay finite
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class EpisodeRecord:
         if not isinstance(data, Mapping) or set(data) != set(cls.__dataclass_fields__):
             raise ValueError(f"an episode record needs the keys {list(cls.__dataclass_fields__)}")
         for name in ("world", "episode", "steps"):
-            if type(data[name]) is not int or data[name] < 0:
+            if type(data[name]) is not int or not 0 <= data[name] < 2**53:
                 raise ValueError(f"episode record: {name} must be a whole number from 0")
         if not isinstance(data["outcome"], str) or data["outcome"] not in OUTCOMES:
             raise ValueError(f"episode record: outcome must be one of {', '.join(OUTCOMES)}")
@@ -94,4 +94,5 @@ class EpisodeTally:
 
 
 def _is_finite(value: Any) -> bool:
-    return isinstance(value, float | int) and type(value) is not bool and math.isfinite(value)
+    # NaN fails every comparison.
+    return isinstance(value, float | int) and type(value) is not bool and abs(value) <= _LARGEST

@@ -21,7 +21,8 @@ from lndrl.navigation.observation import Observation
 _TOLERANCE = 1e-4  # float32 rounding of bounds that were kept in float64
 _MAX_COORDINATE = 1e6  # m; far beyond any map, keeps float32 arithmetic finite
 _MAX_SPEED = 100.0  # m/s of a person
-_MAX_REWARD = 1e9
+_MAX_REWARD = 1e9  # its square, summed over a batch, is still a float32
+_LEAST_LOG_PROB = -104.0  # a float32 probability beyond is 0, and such an action is not drawn
 
 # name -> (dtype, axes); T steps, B worlds, M and G packed people, F final rows
 SCHEMA: dict[str, tuple[str, tuple[str | int, ...]]] = {
@@ -191,8 +192,13 @@ def _check_ranges(arrays: dict[str, NDArray[Any]], task: TaskConfig) -> None:
     actions = len(task.linear_velocities) * len(task.angular_velocities)
     _require(arrays, "action", lambda a: a < actions, f"below {actions}")
     # A probability of 1 may round to a log probability a hair above 0.
-    _require(arrays, "log_prob", lambda a: np.isfinite(a) & (a <= 1e-5), "finite, at most 0")
-    _require(arrays, "reward", lambda a: np.abs(a) <= _MAX_REWARD, "finite")
+    _require(
+        arrays,
+        "log_prob",
+        lambda a: (a >= _LEAST_LOG_PROB) & (a <= 1e-5),
+        f"finite, from {_LEAST_LOG_PROB:g} to 0",
+    )
+    _require(arrays, "reward", lambda a: np.abs(a) <= _MAX_REWARD, "finite, at most 1e9")
     _require(arrays, "terminated", lambda a: a <= 1, "0 or 1")
     _require(arrays, "truncated", lambda a: a <= 1, "0 or 1")
     if (arrays["terminated"] & arrays["truncated"]).any():

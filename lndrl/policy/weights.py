@@ -36,7 +36,7 @@ def load_into(network: nn.Module, blob: bytes, where: str = "weights") -> None:
     """
     try:
         tensors = load_tensors(blob)
-    except (SafetensorError, ValueError) as error:
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{where}: not a safetensors file ({error})") from None
     expected = network.state_dict()
     _check(tensors, expected, where)
@@ -54,6 +54,8 @@ def _check(tensors: dict[str, Tensor], expected: dict[str, Tensor], where: str) 
                 f"{where}: {name} has shape {list(tensors[name].shape)} where this configuration "
                 f"has {list(target.shape)}; these weights are of another network"
             )
+        if tensors[name].dtype != target.dtype:
+            raise UserError(f"{where}: {name} is {tensors[name].dtype}, not {target.dtype}")
         # NaN and infinity both show in the extremes, ten times sooner than by looking one by one.
         if not all(math.isfinite(extreme) for extreme in torch.aminmax(tensors[name])):
             raise UserError(f"{where}: {name} holds values that are not finite")

@@ -23,7 +23,11 @@ class LearnerUnreachableError(UserError):
 
 
 class LearnerHandlers(Protocol):
-    """The learner's answers. Called on the transport's threads, one at a time per method."""
+    """The learner's answers. Called on the transport's threads, one at a time per method.
+
+    Those that also have ``on_malformed(reason: str)`` hear of uploads that could not be read and
+    were refused without them.
+    """
 
     def on_hello(self, hello: Hello) -> Welcome | Refusal:
         """Welcome or refuse an actor; asked again for the same incarnation after lost replies."""

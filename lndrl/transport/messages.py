@@ -7,7 +7,6 @@ valid wherever it came from. ``encode`` and ``decode`` turn them into bytes and 
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import zlib
 from collections.abc import Mapping
@@ -53,6 +52,8 @@ ACK_STATUSES = ("accepted", "duplicate", "stale", "refused", "pause")
 
 MAX_TEXT = 2000
 MAX_INTEGER = 2**53
+MAX_ACTIVITIES = 32
+MAX_SECONDS = 1e9
 IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\-]{0,63}\Z")
 
 
@@ -191,14 +192,17 @@ class ChunkHeader(Message):
             isinstance(episode, dict) for episode in self.episodes
         ):
             raise MessageError("episodes must be a list of maps")
-        if not isinstance(self.timing, dict) or not all(
-            isinstance(key, str)
-            and isinstance(value, (int, float))
-            and abs(value) < MAX_INTEGER
-            and math.isfinite(value)
-            for key, value in self.timing.items()
+        if (
+            not isinstance(self.timing, dict)
+            or len(self.timing) > MAX_ACTIVITIES
+            or not all(
+                isinstance(key, str)
+                and isinstance(value, (int, float))
+                and abs(value) <= MAX_SECONDS  # false for NaN
+                for key, value in self.timing.items()
+            )
         ):
-            raise MessageError("timing must map names to finite seconds")
+            raise MessageError(f"timing must map at most {MAX_ACTIVITIES} names to finite seconds")
         _text("host", self.host)
         _integer("pid", self.pid)
 

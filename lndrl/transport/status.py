@@ -137,11 +137,31 @@ class Lag(StatusModel):
 
 
 class Dropped(StatusModel):
-    """Chunks that were acknowledged but not learned from."""
+    """Chunks that were not learned from: acknowledged ones by rule, others by answer."""
 
-    stale: Count = 0
+    stale: Count = Field(0, description="older than learner.max_lag versions")
+    restart: Count = Field(0, description="the learner died before a checkpoint held them")
+    end: Count = Field(0, description="waiting when the run stopped")
+    diverged: Count = Field(0, description="made an update non-finite")
     duplicate: Count = 0
     refused: Count = 0
+    pause: Count = 0
+
+
+class Tally(StatusModel):
+    """Chunks, and the samples in them."""
+
+    chunks: Count = 0
+    samples: Count = 0
+
+
+class Accounts(StatusModel):
+    """What became of all that was acknowledged: accepted = trained + dropped + waiting."""
+
+    accepted: Tally = Tally()
+    trained: Tally = Tally()
+    waiting: Tally = Tally()
+    dropped: dict[str, Tally] = Field(default_factory=dict, description="by rule")
 
 
 class Queue(StatusModel):
@@ -194,6 +214,7 @@ class Status(StatusModel):
     ppo: Optimization = Optimization()
     lag: Lag = Lag()
     dropped: Dropped = Dropped()
+    accounts: Accounts = Accounts()
     queue: Queue = Queue()
     events: list[Event] = Field(default_factory=list, description="newest last")
     checkpoint: Checkpoint | None = None

@@ -10,7 +10,7 @@ from lndrl.errors import UserError
 
 
 def read_metrics(path: Path | str) -> list[dict[str, Any]]:
-    """Rows of a ``metrics.jsonl``; a last line that is cut short (a killed run) is left out.
+    """Rows of a ``metrics.jsonl``; those cut short (a killed run, a full disk) are left out.
 
     Raises UserError where the file is missing, empty or not of such rows.
     """
@@ -28,6 +28,8 @@ def read_metrics(path: Path | str) -> list[dict[str, Any]]:
         except json.JSONDecodeError:
             if number == len(lines):
                 break
+            if line.startswith("{"):
+                continue
             raise UserError(f"{path}, line {number}: not a JSON object") from None
         if not isinstance(row, dict):
             raise UserError(f"{path}, line {number}: not a JSON object")

@@ -118,7 +118,8 @@ def _rates(status: Status, width: int) -> list[Text]:
     if lag.mean is not None:
         most = "" if lag.max is None else f" (max {lag.max})"
         facts.append(f"lag {number(lag.mean, 2)}{most}")
-    losses = {"stale": dropped.stale, "duplicate": dropped.duplicate, "refused": dropped.refused}
+    rules = ("stale", "restart", "end", "diverged", "duplicate", "refused")
+    losses = {rule: getattr(dropped, rule) for rule in rules}
     named = ", ".join(f"{count:,} {name}" for name, count in losses.items() if count)
     facts.append(f"dropped {named or 'nothing'}")
     if status.checkpoint is not None:

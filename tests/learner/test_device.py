@@ -17,7 +17,7 @@ from learner.batch import assemble
 from learner.checkpoint import Counters, load_checkpoint, save_checkpoint
 from learner.graphs import GraphedStep
 from learner.rollout_store import RolloutStore
-from learner.update import PPO
+from learner.update import PPO, DivergedError
 from lndrl.policy import record_cuda_graph
 
 ON_GPU = pytest.param(
@@ -86,6 +86,30 @@ def test_recorded_steps_train_the_same(trainer, device) -> None:
         for name in ("policy_loss", "value_loss", "entropy", "learning_rate"):
             assert figures[name] == pytest.approx(expected[name], rel=1e-3, abs=1e-5), name
     assert graphed._actor.graphed is not None and graphed._actor.graphed._graphs
+
+
+@pytest.mark.parametrize("device", ["cpu", ON_GPU])
+@pytest.mark.parametrize("good", [0, 2])
+def test_recorded_steps_go_on_from_before_a_spoilt_update(trainer, device, good: int) -> None:
+    """What graphs have recorded is restored in place: they train on as if nothing had been."""
+    one, other = (trainer(device, dense=True, epochs=3) for _ in range(2))
+    if device == "cpu":
+        for trainee in (one._actor, one._critic, other._actor, other._critic):
+            trainee.graphed = GraphedStep(trainee._whole_step, lambda work: work)
+    fine = list(batches(one, good + 2))
+    spoilt = assemble([random_trajectory(one.config, seed) for seed in (91, 92, 93)])
+    spoilt.trajectories[1].reward[0, 0] = float("nan")
+    for batch in fine[:good]:
+        for ppo in (one, other):
+            ppo.update(batch, 0.0)
+    for _ in range(2):
+        with pytest.raises(DivergedError):
+            one.update(spoilt, 0.0)
+    assert one.is_finite()
+    for batch in fine[good:]:
+        expected, figures = other.update(batch, 0.0), one.update(batch, 0.0)
+        for name in ("policy_loss", "value_loss", "entropy"):
+            assert figures[name] == pytest.approx(expected[name], rel=1e-3, abs=1e-5), name
 
 
 @pytest.mark.parametrize("device", ["cpu", ON_GPU])

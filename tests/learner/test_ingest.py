@@ -10,7 +10,8 @@ from helpers_learner import random_trajectory, small_config
 
 from learner.events import EventLog
 from learner.ingest import Ingest
-from learner.roster import Roster, Sequences
+from learner.roster import Roster
+from learner.sequences import Sequences
 from lndrl.transport import ChunkHeader, Hello, Refusal, Welcome
 from lndrl.version import VERSION
 
@@ -99,9 +100,9 @@ def test_take_waits_for_enough_samples_and_keeps_the_rest() -> None:
 
 def test_old_chunks_are_dropped_and_counted() -> None:
     ingest = make_ingest(learner={"max_lag": 2})
+    ingest.weights_version = 4
     send(ingest, sequence=1, version=1)
     send(ingest, sequence=2, version=3)
-    ingest.weights_version = 4
     chunks = ingest.take(16, timeout=0.0)
     assert chunks is not None
     assert [chunk.sequence for chunk in chunks] == [2]

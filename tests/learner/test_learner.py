@@ -116,7 +116,7 @@ def test_the_snapshot_fits_its_schema(start) -> None:
     assert status.actors[0].time_split == status.actor_split == {"infer": 1.0}
     assert status.overhead_actor == 0.0 and 0.0 < status.overhead_learner < 1.0
     assert status.verdict == "learning", "too early to say more"
-    run.learner.history[0]["time"] -= 100.0
+    run.learner.first_update -= 100.0
     assert parse_status(snapshot(run.learner)).verdict == "balanced"
     assert len(parse_history(run.learner.history)) == 1
     json.dumps(snapshot(run.learner))

@@ -221,3 +221,93 @@ def test_group_setting_treats_a_timeout_as_an_end() -> None:
     np.testing.assert_allclose(
         advantage[timeouts], 0.01 * trajectory.reward.reshape(-1)[timeouts], rtol=1e-5
     )
+
+
+def everything(trainer: PPO) -> list[torch.Tensor]:
+    """Copies of weights and moments."""
+    found = []
+    for network, optimizer in (
+        (trainer.policy, trainer.policy_optimizer),
+        (trainer.value, trainer.value_optimizer),
+    ):
+        for parameter in network.parameters():
+            moments = optimizer.state.get(parameter, {})
+            found += [parameter, *(moments[name] for name in sorted(moments))]
+    return [tensor.detach().clone() for tensor in found]
+
+
+def spoil_reward(trainer: PPO, monkeypatch, batch) -> None:
+    batch.trajectories[0].reward[0, 0] = np.nan
+
+
+def spoil_gradient_late(trainer: PPO, monkeypatch, batch) -> None:
+    """The last gradients of the value network alone, when the policy has moved already."""
+    steps, original = [0], trainer._critic.norm
+
+    def norm():
+        steps[0] += 1
+        return original() * (np.inf if steps[0] % 4 == 0 else 1.0)
+
+    monkeypatch.setattr(trainer._critic, "norm", norm)
+
+
+def spoil_weights(trainer: PPO, monkeypatch, batch) -> None:
+    """Losses and gradients look well and the weights are not."""
+    original = trainer._actor.figures
+
+    def figures():
+        with torch.no_grad():
+            trainer._actor.parameters[-1].view(-1)[0] = np.inf
+        return original()
+
+    monkeypatch.setattr(trainer._actor, "figures", figures)
+
+
+def spoil_moments(trainer: PPO, monkeypatch, batch) -> None:
+    original = trainer._critic.figures
+
+    def figures():
+        trainer.value_optimizer.state[trainer._critic.parameters[0]]["exp_avg"].view(-1)[0] = np.nan
+        return original()
+
+    monkeypatch.setattr(trainer._critic, "figures", figures)
+
+
+@pytest.mark.parametrize("joint", [False, True])
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("spoil", [spoil_reward, spoil_gradient_late, spoil_weights, spoil_moments])
+def test_a_spoilt_update_leaves_no_trace(ppo, monkeypatch, spoil, first: bool, joint: bool) -> None:
+    """Weights, moments and the order of minibatches, even where Adam had no moments yet."""
+    trainer, twin = (ppo(joint_gradient_norm=joint) for _ in range(2))
+
+    def good(seed: int):
+        return assemble([random_trajectory(trainer.config, seed + n) for n in (0, 1)])
+
+    if not first:
+        for each in (trainer, twin):
+            each.update(good(10), 0.0)
+    before = everything(trainer)
+    places = [tensor.data_ptr() for tensor in trainer.policy.parameters()]
+    batch = good(20)
+    with monkeypatch.context() as patch:
+        spoil(trainer, patch, batch)
+        for _ in range(2):
+            with pytest.raises(DivergedError):
+                trainer.update(batch, 0.0)
+    assert trainer.is_finite()
+    if not first:
+        for one, other in zip(before, everything(trainer), strict=True):
+            assert torch.equal(one, other)
+    assert places == [tensor.data_ptr() for tensor in trainer.policy.parameters()], "graphs"
+    assert trainer.update(good(30), 0.0) == twin.update(good(30), 0.0)
+    for one, other in zip(everything(trainer), everything(twin), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_the_safeguard_takes_its_memory_once(ppo) -> None:
+    trainer = ppo()
+    places = []
+    for seed in range(3):
+        trainer.update(assemble([random_trajectory(trainer.config, seed)]), 0.0)
+        places.append({copy.data_ptr() for copy in trainer._safeguard._copies.values()})
+    assert places[0] < places[1] == places[2], "weights, then moments, then nothing new"
