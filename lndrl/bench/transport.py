@@ -51,6 +51,9 @@ class _Receiver:
                 self.full.set()
         return Ack("accepted")
 
+    def on_malformed(self, reason: str) -> None:
+        """All uploads can be read."""
+
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         return
 

@@ -88,9 +88,7 @@ class LearnerDesk:
         try:
             header, arrays = decode(data, ChunkHeader, limits=self.limits)
         except MessageError as error:
-            note = getattr(self.handlers, "on_malformed", None)
-            if note is not None:
-                note(str(error)[:500])
+            self._handlers().on_malformed(str(error)[:500])
             return self._stamped(Ack("refused", reason=f"malformed: {error}"[:500]))
         try:
             ack = self._handlers().on_chunk(header, arrays, len(data))

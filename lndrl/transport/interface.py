@@ -23,11 +23,7 @@ class LearnerUnreachableError(UserError):
 
 
 class LearnerHandlers(Protocol):
-    """The learner's answers. Called on the transport's threads, one at a time per method.
-
-    Those that also have ``on_malformed(reason: str)`` hear of uploads that could not be read and
-    were refused without them.
-    """
+    """The learner's answers. Called on the transport's threads, one at a time per method."""
 
     def on_hello(self, hello: Hello) -> Welcome | Refusal:
         """Welcome or refuse an actor; asked again for the same incarnation after lost replies."""
@@ -39,6 +35,10 @@ class LearnerHandlers(Protocol):
         ``arrays`` are read-only views that keep the message alive. A chunk can arrive twice, and
         within the window out of order: remember a few sequences per (actor_id, incarnation).
         """
+        ...
+
+    def on_malformed(self, reason: str) -> None:
+        """Hear of an upload that could not be read and was refused."""
         ...
 
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:

@@ -89,6 +89,9 @@ class NotingLearner:
             self.arrays.append(arrays)
         return Ack(status, reason="" if status == "accepted" else "as the test wants")
 
+    def on_malformed(self, reason: str) -> None:
+        pass
+
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         self.members.append((actor_id, incarnation, alive))
 

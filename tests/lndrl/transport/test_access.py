@@ -94,6 +94,9 @@ class Handlers:
         self.sequences.append(header.sequence)
         return Ack("accepted")
 
+    def on_malformed(self, reason: str) -> None:
+        pass
+
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         self.members.append((actor_id, alive))
 

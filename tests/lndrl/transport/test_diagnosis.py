@@ -285,7 +285,7 @@ def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> Non
 
 
 def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
-    """The doctor's questions are answered, and no handler of the learner ever sees one."""
+    """The doctor's questions are answered; the learner only hears of an unreadable upload."""
     config = TransportConfig(endpoint=free_endpoint())
     endpoint = open_learner(config)
     seen: list[str] = []
@@ -293,7 +293,7 @@ def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
     class Handlers:
         def __getattr__(self, name: str) -> Any:
             seen.append(name)
-            raise AssertionError(name)
+            return lambda *_: None
 
     def pong(query: zenoh.Query) -> None:
         with query:
@@ -314,7 +314,7 @@ def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
         assert endpoint._payload is None
     finally:
         endpoint.close()
-    assert seen == []
+    assert set(seen) == {"on_malformed"}
 
 
 @pytest.mark.parametrize("with_files", [True, False])

@@ -50,6 +50,9 @@ class RecordingHandlers:
         self.chunks.append((header, arrays, size))
         return self.answer(header)
 
+    def on_malformed(self, reason: str) -> None:
+        pass
+
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         self.members.append((actor_id, incarnation, alive))
 

@@ -52,6 +52,9 @@ class CountingHandlers:
             time.sleep(self.delays.pop())
         return Ack("duplicate" if seen else "accepted")
 
+    def on_malformed(self, reason: str) -> None:
+        pass
+
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         self.members.append((actor_id, alive))
 
