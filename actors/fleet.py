@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from pathlib import Path
 
 from actors import worker
 from actors.worker import STOP_SIGNALS, WorkerOptions
@@ -58,7 +59,7 @@ class Fleet:
     """N supervised actor processes against the learner at ``endpoint``.
 
     ``worlds`` None leaves the number of worlds per process to the learner's configuration.
-    ``log`` gets one line per event. Nothing here blocks except ``stop`` (at most 3 s). ``grow``
+    ``log`` gets one line per event, the file ``ledger`` one per upload. Nothing here blocks except ``stop`` (at most 3 s). ``grow``
     and ``shrink`` change N while the fleet runs; call all from one thread.
     ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
     """
@@ -70,6 +71,7 @@ class Fleet:
         worlds: int | None = None,
         device: str = "cpu",
         log: Callable[[str], None] = LOGGER.info,
+        ledger: Path | None = None,
     ) -> None:
         if count < 1:
             raise ValueError(f"a fleet needs at least 1 actor, not {count}")
@@ -78,6 +80,7 @@ class Fleet:
         self.error = ""
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
         self._name = name
+        self._ledger = None if ledger is None else str(ledger.absolute())
         self._slots = [_Slot(i, f"{name}-{i:03d}") for i in range(count)]
         self._leaving: list[tuple[_Slot, float]] = []  # with the monotonic s of patience's end
         self._joined = False  # has any worker ever been welcomed
@@ -183,6 +186,7 @@ class Fleet:
             device=self._device,
             patient=self._joined,
             parent=os.getpid(),
+            ledger=self._ledger,
         )
         slot.channel, theirs = context.Pipe(duplex=False)
         slot.process = context.Process(
@@ -229,7 +233,13 @@ class Fleet:
         slot.joined = False
 
 
-def run_fleet(endpoint: str, count: int, worlds: int | None = None, device: str = "cpu") -> int:
+def run_fleet(
+    endpoint: str,
+    count: int,
+    worlds: int | None = None,
+    device: str = "cpu",
+    ledger: Path | None = None,
+) -> int:
     """Run N actors in the foreground until the run is done, Ctrl-C or SIGTERM.
 
     Returns the exit code: 0 done or asked to stop, 2 an error that the user can mend, whose
@@ -237,7 +247,7 @@ def run_fleet(endpoint: str, count: int, worlds: int | None = None, device: str 
     """
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in STOP_SIGNALS}
-    fleet = Fleet(endpoint, count, worlds, device, log=_print)
+    fleet = Fleet(endpoint, count, worlds, device, _print, ledger)
     code: int | None = None
     try:
         fleet.start()

@@ -15,6 +15,7 @@ import time
 import traceback
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from pathlib import Path
 
 LEAVE_WITHIN = 1.5
 """Seconds between a request to stop and a hard exit; only an unfinished chunk is lost."""
@@ -37,7 +38,7 @@ class WorkerOptions:
     ``worlds`` None leaves the number to the learner's configuration, where auto means as fits a
     fleet of ``siblings`` actors. ``patient`` makes an
     unreachable learner something to wait for rather than an error. ``parent`` is the process
-    without which the worker ends.
+    without which the worker ends. ``ledger``: file that notes every upload.
     """
 
     endpoint: str
@@ -47,6 +48,7 @@ class WorkerOptions:
     device: str
     patient: bool
     parent: int
+    ledger: str | None = None
 
 
 class Report:
@@ -99,6 +101,8 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
 
         endpoint = open_actor(options.endpoint)
         try:
+            if options.ledger is not None:
+                endpoint.keep_book(Path(options.ledger))
             actor = Actor(
                 endpoint,
                 actor_id=options.actor_id,

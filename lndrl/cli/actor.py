@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -32,6 +33,12 @@ def actor(
     device: Annotated[
         str, typer.Option("--device", help="Where the policy runs: cpu, cuda, cuda:0 or auto.")
     ] = "cpu",
+    ledger: Annotated[
+        Path | None,
+        typer.Option(
+            "--ledger", metavar="FILE", help="Append a JSON line per upload made and answered."
+        ),
+    ] = None,
 ) -> None:
     """Run actors that simulate worlds for a learner; the learner hands them the configuration."""
     check_endpoint(connect, "--connect")
@@ -41,4 +48,4 @@ def actor(
     from actors.fleet import run_fleet
 
     number = usable_cores() if count == "auto" else int(count)
-    raise typer.Exit(run_fleet(connect, number, worlds, device))
+    raise typer.Exit(run_fleet(connect, number, worlds, device, ledger))
