@@ -71,7 +71,7 @@ class Ingest:
         if hello.protocol != PROTOCOL_VERSION or hello.program_version != VERSION:
             return Refusal(
                 f"this learner is lndrl {VERSION} (protocol {PROTOCOL_VERSION}), the actor is "
-                f"lndrl {hello.program_version} (protocol {hello.protocol}); install the same"
+                f"lndrl {hello.program_version[:40]} (protocol {hello.protocol}); install the same"
             )
         if self.done:
             return Refusal("this run is finished; start another learner")
