@@ -301,7 +301,14 @@ class Forger:
 
     def _query(self) -> Malformed:
         """Questions that need no content, with content."""
-        payloads = [b"-1", b"9" * 400, "²³".encode(), b"\xff", b"1e9", self.random.randbytes(100_000)]
+        payloads = [
+            b"-1",
+            b"9" * 400,
+            "²³".encode(),
+            b"\xff",
+            b"1e9",
+            self.random.randbytes(100_000),
+        ]
         key = self.random.choice(QUERIES)
         return Malformed("query", "query", key, self.random.choice(payloads), hopeless=False)
 
@@ -312,10 +319,28 @@ class Forger:
         return Malformed("put", "put", key, self.random.choice(payloads))
 
     def _token(self) -> Malformed:
-        names = ["x", "a/b/c", "a/b/c/d/e", "é/ü", "x" * 500 + "/1", "@/1", "-/-", " / ", f"{self._actor}/%00"]
+        names = [
+            "x",
+            "a/b/c",
+            "a/b/c/d/e",
+            "é/ü",
+            "x" * 500 + "/1",
+            "@/1",
+            "-/-",
+            " / ",
+            f"{self._actor}/%00",
+        ]
         return Malformed("token", "token", f"lndrl/actors/{self.random.choice(names)}")
 
     def _unknown_key(self) -> Malformed:
-        keys = ["lndrl/nothing", "lndrl", "lndrl/**", "lndrl/upload/**", "**", "lndrl/hello/x", "other/upload"]
+        keys = [
+            "lndrl/nothing",
+            "lndrl",
+            "lndrl/**",
+            "lndrl/upload/**",
+            "**",
+            "lndrl/hello/x",
+            "other/upload",
+        ]
         payload = self.random.choice([b"", self.random.randbytes(1000)])
         return Malformed("unknown key", "query", self.random.choice(keys), payload)

@@ -32,6 +32,7 @@ SUMMARIES = {
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
     "curves": "Draw a run's learning curves and write them as a table.",
+    "chaos": "Let a run suffer faults on purpose and count that nothing is lost.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",
 }
