@@ -94,7 +94,8 @@ def make_report(
     minutes: float,
     found: Findings,
     monitor: Monitor,
-    balances: tuple[Balance, Balance | None],
+    main: Balance,
+    side: Balance | None,
     **rest: Any,
 ) -> ChaosReport:
     """Put together what the monitor saw and what the books say."""
@@ -102,8 +103,8 @@ def make_report(
         seed=seed,
         minutes=minutes,
         found=found,
-        main=balances[0],
-        side=balances[1],
+        main=main,
+        side=side,
         memory_growth=monitor.memory_growth(),
         handle_growth=monitor.handle_growth(),
         learner_life=monitor.longest_life(),

@@ -40,7 +40,8 @@ class Late:
     """
 
     def __init__(self, seconds: float, send: Any) -> None:
-        self._seconds, self._send, self._channel = seconds, send, None
+        self._seconds, self._send = seconds, send
+        self._channel: Any = None
 
     def recv(self) -> Any:
         """Wait, send, and receive an answer."""

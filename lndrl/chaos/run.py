@@ -75,7 +75,8 @@ def run_chaos(
         minutes,
         injector.found,
         monitor,
-        (balance_of(stage), balance_of(stage, side=True)),
+        balance_of(stage, RUN),
+        balance_of(stage, SIDE_RUN) if stage.run_folder(SIDE_RUN).exists() else None,
         misbehaved=_misbehaved(folder),
         learner_starts=stage.learner.starts,
         checkpoints_refused=_events(stage).count(" disk "),
@@ -115,14 +116,12 @@ def start(stage: Stage, monitor: Monitor, stop: Event) -> None:
     waiting("actors", lambda: len(monitor.accepted) >= 1 + len(others))
 
 
-def balance_of(stage: Stage, side: bool = False) -> Balance | None:
-    """The balance of a run's books; None for a second run that never was."""
-    ledger = stage.learner_ledger(SIDE_RUN if side else RUN)
-    if side and not ledger.exists():
-        return None
+def balance_of(stage: Stage, run: str) -> Balance:
+    """The balance of a run's books."""
+    ledger = stage.learner_ledger(run)
     older = ledger.with_name(f"{ledger.name}.1")
     learner = LearnerBook().read(lines_of(older, ledger))
-    return balance(learner, ActorBook().read(lines_of(*stage.actor_ledgers(side))))
+    return balance(learner, ActorBook().read(lines_of(*stage.actor_ledgers(run))))
 
 
 def _strike(

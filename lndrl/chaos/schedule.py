@@ -22,8 +22,8 @@ GUARD = 15.0
 class Kind:
     """A kind of fault: cards per deck, shortest and longest duration (s), the lane it takes.
 
-    ``actor``: the lane of the actor it strikes, else the learner's or one of its own (""). ``least``
-    is the length (min) of the shortest schedule it belongs in.
+    ``actor``: the lane of the actor it strikes, else the learner's or one of its own ("").
+    ``least`` is the length (min) of the shortest schedule it belongs in.
     """
 
     name: str

@@ -151,10 +151,10 @@ class Stage:
         """What a learner wrote down."""
         return self.run_folder(run) / "ledger.jsonl"
 
-    def actor_ledgers(self, side: bool = False) -> list[Path]:
+    def actor_ledgers(self, run: str = RUN) -> list[Path]:
         """What the actors of a run wrote down."""
         paths = sorted(self.folder.glob("*.ledger.jsonl"))
-        return [path for path in paths if path.name.startswith("side-") == side]
+        return [path for path in paths if path.name.startswith("side-") == (run == SIDE_RUN)]
 
     def ledger_for(self, name: str) -> Path:
         """Where an actor of that name writes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -41,7 +42,7 @@ def test_faults_end_in_time_and_do_not_overlap_on_their_lane(
         lanes[fault.target].append(fault)
     for target, own in lanes.items():
         guard = GUARD if target == LEARNER else 0.0
-        for before, after in zip(own, own[1:], strict=False):
+        for before, after in pairwise(own):
             assert after.time >= before.time + before.duration + guard - 0.02
 
 
