@@ -59,8 +59,9 @@ class Fleet:
     """N supervised actor processes against the learner at ``endpoint``.
 
     ``worlds`` None leaves the number of worlds per process to the learner's configuration.
-    ``log`` gets one line per event, the file ``ledger`` one per upload. Nothing here blocks except ``stop`` (at most 3 s). ``grow``
-    and ``shrink`` change N while the fleet runs; call all from one thread.
+    ``log`` gets one line per event, the file ``ledger`` one per upload. Nothing here blocks except
+    ``stop`` (at most 3 s). ``grow`` and ``shrink`` change N while the fleet runs; call all from one
+    thread.
     ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
     """
 

@@ -55,7 +55,7 @@ def chaos(
     place = _place(folder)
     from lndrl.cli.signals import stop_on_signals
 
-    good = False
+    good, code = False, 0
     try:
         with stop_on_signals("what was counted so far is shown") as stop:
             if fuzz is not None:
@@ -63,16 +63,17 @@ def chaos(
             else:
                 options = {"minutes": minutes, "seed": seed, "actors": actors, "pace": pace}
                 good = _run({**options, "kinds": kinds}, place, stop, json)
+            code = stop.exit_code
     except (TimeoutError, RuntimeError) as error:
         typer.echo(f"lndrl chaos: {error}", err=True)
     except InterruptedError:
-        raise typer.Exit(stop.exit_code) from None
+        code = stop.exit_code  # before there was anything to count
     finally:
         if folder is None and good:
             shutil.rmtree(place, ignore_errors=True)
         else:
             typer.echo(f"everything is kept in {place}", err=True)
-    raise typer.Exit(0 if good else 1)
+    raise typer.Exit(code or (0 if good else 1))
 
 
 def _run(options: dict[str, Any], place: Path, stop: Event, json: bool) -> bool:

@@ -62,5 +62,5 @@ def test_any_text_is_a_mapping_or_a_sentence(tmp_path_factory, content: str | by
 def test_yaml_that_trips_its_parser_is_one_sentence(tmp_path: Path, text: str) -> None:
     path = tmp_path / "odd.yaml"
     path.write_text(text)
-    with pytest.raises(UserError, match="odd.yaml"):
+    with pytest.raises(UserError, match=r"odd\.yaml"):
         load_config(path)
