@@ -16,15 +16,14 @@ from lndrl.version import VERSION
 def forged_arrays(
     config: RunConfig,
     draw: np.random.Generator,
-    steps: int = 8,
     worlds: int = 1,
     version: int = 0,
 ) -> dict[str, NDArray[Any]]:
-    """A valid upload of ``steps`` steps of ``worlds`` worlds with contents drawn at random.
+    """A valid upload of ``worlds`` worlds, as long as the run's are, with contents at random.
 
     ``version``: the weights that it claims to have acted on.
     """
-    shape = (steps, worlds)
+    shape = (config.actor.horizon, worlds)
     actions = len(config.task.linear_velocities) * len(config.task.angular_velocities)
     ends = draw.uniform(size=shape)
     terminated = (ends < 0.1).astype(np.uint8)
@@ -61,7 +60,7 @@ def forged_hello(actor_id: str, life: str, worlds: int = 1) -> Hello:
 
 
 def forged_header(
-    run_id: str, actor_id: str, life: str, sequence: int, steps: int = 8, worlds: int = 1
+    run_id: str, actor_id: str, life: str, sequence: int, steps: int, worlds: int = 1
 ) -> ChunkHeader:
     """The head of an upload of that many steps and worlds."""
     return ChunkHeader(run_id, actor_id, life, sequence, steps, worlds, host="chaos")

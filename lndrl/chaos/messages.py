@@ -65,7 +65,8 @@ class Forger:
         self._life = f"{self.random.randrange(2**32):08x}"
         self._sequence = 0
         numbers = np.random.default_rng(seed)
-        self._arrays = forged_arrays(config, numbers, 4, 2, version)
+        self._arrays = forged_arrays(config, numbers, 2, version)
+        self._steps = config.actor.horizon
         self._makers: list[tuple[int, Callable[[], Malformed]]] = [
             (3, self._noise),
             (3, self._cut),
@@ -93,7 +94,7 @@ class Forger:
     def header(self, **changes: Any) -> dict[str, Any]:
         """The fields of a valid upload's header, with ``changes``."""
         self._sequence += 1
-        plain = forged_header(self._run_id, self._actor, self._life, self._sequence, 4, 2)
+        plain = forged_header(self._run_id, self._actor, self._life, self._sequence, self._steps, 2)
         return plain.to_dict() | changes
 
     def valid(self) -> bytes:

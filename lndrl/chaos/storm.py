@@ -35,7 +35,6 @@ from lndrl.transport.zenoh_session import (
     open_connecting,
 )
 
-STEPS = 8
 AT_ONCE = 32
 """Sessions that are opened side by side, before the storm begins."""
 
@@ -131,10 +130,11 @@ def _take_welcome(joiner: Joiner, book: Book) -> bool:
     except (ValueError, UserError):
         return False
     draw = np.random.default_rng(welcome.actor_index)
-    arrays = forged_arrays(run, draw, STEPS, 1, max(0, welcome.weights_version))
-    header = forged_header(welcome.run_id, joiner.actor_id, joiner.life, 1, STEPS)
-    joiner.entry = Entry(joiner.actor_id, joiner.life, 1, encode(header, arrays), STEPS)
-    book.note("produced", joiner.entry, samples=STEPS)
+    arrays = forged_arrays(run, draw, 1, max(0, welcome.weights_version))
+    steps = run.actor.horizon
+    header = forged_header(welcome.run_id, joiner.actor_id, joiner.life, 1, steps)
+    joiner.entry = Entry(joiner.actor_id, joiner.life, 1, encode(header, arrays), steps)
+    book.note("produced", joiner.entry, samples=steps)
     _send(joiner)
     return True
 

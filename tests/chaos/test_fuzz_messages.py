@@ -32,7 +32,9 @@ VERSION = 5
 @pytest.fixture(scope="module")
 def config() -> RunConfig:
     changes = ("scenario=sparse", "transport.upload_timeout=0.02", "ppo.batch_size=64")
-    return load_config(ROOT / "configs/lndrl.yaml", [*changes, "ppo.minibatch_size=64"])
+    return load_config(
+        ROOT / "configs/lndrl.yaml", [*changes, "ppo.minibatch_size=64", "actor.horizon=4"]
+    )
 
 
 class Door:
@@ -125,7 +127,7 @@ def test_any_field_of_any_value_is_answered(name: str, value: Any) -> None:
     from lndrl.transport import MessageError, pack
 
     door = DOORS.setdefault("door", Door(CONFIG))
-    header = forged_header("run", "field", "x", 1).to_dict() | {name: value}
+    header = forged_header("run", "field", "x", 1, 8).to_dict() | {name: value}
     arrays = forged_arrays(CONFIG, np.random.default_rng(0))
     try:
         data = pack({"kind": "chunk", "body": header}, arrays)
@@ -149,7 +151,8 @@ def test_any_flipped_bits_of_an_upload_are_answered(seed: int, data: st.DataObje
 
 DOORS: dict[str, Door] = {}
 CONFIG = load_config(
-    ROOT / "configs/lndrl.yaml", ["scenario=sparse", "transport.upload_timeout=0.02"]
+    ROOT / "configs/lndrl.yaml",
+    ["scenario=sparse", "transport.upload_timeout=0.02", "actor.horizon=8"],
 )
 WHOLE = encode(
     ChunkHeader("run", "flip", "x", 1, 8, 1), forged_arrays(CONFIG, np.random.default_rng(1))

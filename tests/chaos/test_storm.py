@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lndrl.chaos.ledger import ActorBook, lines_of
-from lndrl.chaos.storm import STEPS, storm
+from lndrl.chaos.storm import storm
 from lndrl.config import TransportConfig, load_config
 from lndrl.transport import Ack, ChunkHeader, Hello, Welcome, free_endpoint, open_learner
 
@@ -20,7 +20,8 @@ class Door:
     """Handlers that welcome everybody and pause every third chunk once."""
 
     def __init__(self) -> None:
-        self.config = load_config(ROOT / "configs/lndrl.yaml").model_dump(mode="json")
+        config = load_config(ROOT / "configs/lndrl.yaml", ["actor.horizon=8"])
+        self.config = config.model_dump(mode="json")
         self.taken: Counter[tuple[str, str, int]] = Counter()
         self.members: set[str] = set()
         self._paused: set[str] = set()
@@ -34,7 +35,7 @@ class Door:
             if header.actor_id.endswith("3") and header.actor_id not in self._paused:
                 self._paused.add(header.actor_id)
                 return Ack("pause")
-            assert arrays["action"].size == STEPS
+            assert arrays["action"].size == 8
             self.taken[header.actor_id, header.incarnation, header.sequence] += 1
             return Ack("accepted")
 
