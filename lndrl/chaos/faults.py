@@ -71,8 +71,15 @@ class Injector:
         self._limits: tuple[int, int] | None = None
 
     def begin(self, fault: Fault) -> bool:
-        """Let ``fault`` strike; False when there was nothing to strike."""
+        """Let ``fault`` strike; False when there was nothing to strike.
+
+        A learner that has yet to come back from the last kill is left alone: one that is killed
+        while it still starts shows nothing new, and on a slow machine would never train.
+        """
         if KINDS[fault.kind].lane == LEARNER:
+            if self._recovering:
+                self.found.missed[fault.kind] += 1
+                return False
             self._calm_from = time.monotonic() + fault.duration + GUARD
         struck = getattr(self, f"_{fault.kind}")(fault) is not False
         (self.found.struck if struck else self.found.missed)[fault.kind] += 1

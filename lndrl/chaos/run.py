@@ -21,8 +21,8 @@ from lndrl.chaos.stage import RUN, SIDE_RUN, Stage, wait_for
 STARTING = 600.0
 """s that the first update may take; a fresh installation compiles for minutes."""
 
-SETTLING = 15.0
-"""s after the last fault in which a killed learner may still recover."""
+SETTLING = 180.0
+"""s after the last fault in which a killed learner may still recover; slow machines need them."""
 
 BEAT = 0.1
 
