@@ -141,6 +141,7 @@ class Actor:
         config = parse_config(welcome.config, "configuration from the learner")
         lockstep = config.learner.mode == "lockstep"
         self._welcome = welcome
+        self.endpoint.adopt(config.transport)
         self._rebase(welcome.weights_version, kept)
         rollout = self.rollout
         if (

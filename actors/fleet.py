@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actors import worker
@@ -62,8 +63,9 @@ class Fleet:
     """N supervised actor processes against the learner at ``endpoint``.
 
     ``worlds`` None leaves the number of worlds per process to the learner's configuration.
-    ``log`` gets one line per event. Nothing here blocks except ``stop`` (at most 3 s). ``grow``
-    and ``shrink`` change N while the fleet runs; call all from one thread.
+    ``log`` gets one line per event, the file ``ledger`` one per upload. Nothing here blocks except
+    ``stop`` (at most 3 s). ``grow`` and ``shrink`` change N while the fleet runs; call all from one
+    thread.
     ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
     """
 
@@ -76,6 +78,7 @@ class Fleet:
         log: Callable[[str], None] = LOGGER.info,
         security: Security | None = None,
         namespace: str = "",
+        ledger: Path | None = None,
     ) -> None:
         if count < 1:
             raise ValueError(f"a fleet needs at least 1 actor, not {count}")
@@ -87,6 +90,7 @@ class Fleet:
         # Plain, because a worker may import nothing before it has limited its threads.
         self._security = None if security is None else dict(vars(security))
         self._name = name
+        self._ledger = None if ledger is None else str(ledger.absolute())
         self._slots = [_Slot(i, f"{name}-{i:03d}") for i in range(count)]
         self._leaving: list[tuple[_Slot, float]] = []  # with the monotonic s of patience's end
         self._joined = False  # has any worker ever been welcomed
@@ -194,6 +198,7 @@ class Fleet:
             parent=os.getpid(),
             namespace=self._namespace,
             security=self._security,
+            ledger=self._ledger,
         )
         slot.channel, theirs = context.Pipe(duplex=False)
         slot.process = context.Process(
@@ -247,6 +252,7 @@ def run_fleet(
     device: str = "cpu",
     security: Security | None = None,
     namespace: str = "",
+    ledger: Path | None = None,
 ) -> int:
     """Run N actors in the foreground until the run is done, Ctrl-C or SIGTERM.
 
@@ -256,8 +262,9 @@ def run_fleet(
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in STOP_SIGNALS}
     fleet = Fleet(
-        endpoint, count, worlds, device, log=_print, security=security, namespace=namespace
-    )
+        endpoint, count, worlds, device, log=_print, security=security, namespace=namespace,
+        ledger=ledger,
+    )  # fmt: skip
     code: int | None = None
     try:
         fleet.start()

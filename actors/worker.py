@@ -15,6 +15,7 @@ import time
 import traceback
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 LEAVE_WITHIN = 1.5
@@ -39,7 +40,8 @@ class WorkerOptions:
     fleet of ``siblings`` actors. ``patient`` makes an
     unreachable learner something to wait for rather than an error. ``parent`` is the process
     without which the worker ends. ``security`` holds the fields of a ``transport.Security``; it
-    comes through a pipe, because command lines and environments can be read by others.
+    comes through a pipe, because command lines and environments can be read by others. ``ledger``:
+    file that notes every upload.
     """
 
     endpoint: str
@@ -51,6 +53,7 @@ class WorkerOptions:
     parent: int
     namespace: str = ""
     security: dict[str, Any] | None = field(default=None, repr=False)
+    ledger: str | None = None
 
 
 class Report:
@@ -106,6 +109,8 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
         security = None if options.security is None else Security(**options.security)
         endpoint = open_actor(options.endpoint, transport, security)
         try:
+            if options.ledger is not None:
+                endpoint.keep_book(Path(options.ledger))
             actor = Actor(
                 endpoint,
                 actor_id=options.actor_id,

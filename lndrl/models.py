@@ -38,10 +38,12 @@ def load_yaml(path: Path) -> dict[str, Any]:
         raise UserError(f"{path}: cannot be read ({error})") from None
     try:
         data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except RecursionError:
+        raise UserError(f"{path}: is nested too deeply") from None
+    except (yaml.YAMLError, ValueError) as error:  # a date of month 99 is a ValueError
         mark = getattr(error, "problem_mark", None)
         where = f", line {mark.line + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or "not valid YAML"
+        problem = getattr(error, "problem", None) or f"not valid YAML ({error})"
         raise UserError(f"{path}{where}: {problem}") from None
     if not isinstance(data, dict):
         raise UserError(f"{path}: must hold keys and values, not {type(data).__name__}")

@@ -28,6 +28,7 @@ FLOORS = {
     "lndrl.view": 4,
     "actors": 5,
     "learner": 5,
+    "lndrl.chaos": 5,
     "lndrl.bench": 6,
     "lndrl.cli": 6,
     "lndrl.__main__": 6,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -48,6 +49,12 @@ def actor(
     password_file: PasswordFile = None,
     namespace: Namespace = None,
     zenoh: ZenohFile = None,
+    ledger: Annotated[
+        Path | None,
+        typer.Option(
+            "--ledger", metavar="FILE", help="Append a JSON line per upload made and answered."
+        ),
+    ] = None,
 ) -> None:
     """Run actors that simulate worlds for a learner; the learner hands them the configuration."""
     check_endpoint(connect, "--connect")
@@ -61,5 +68,13 @@ def actor(
 
     number = usable_cores() if count == "auto" else int(count)
     raise typer.Exit(
-        run_fleet(connect, number, worlds, device, security=security, namespace=transport.namespace)
+        run_fleet(
+            connect,
+            number,
+            worlds,
+            device,
+            security=security,
+            namespace=transport.namespace,
+            ledger=ledger,
+        )
     )

@@ -55,7 +55,7 @@ class LearnerDesk:
             return encode(
                 Refusal(
                     f"the learner (protocol {PROTOCOL_VERSION}) does not understand this actor's"
-                    f" hello ({error}); install the same lndrl version on both sides"
+                    f" hello ({str(error)[:500]}); install the same lndrl version on both sides"
                 )
             )
         if hello.protocol != PROTOCOL_VERSION:

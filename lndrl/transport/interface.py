@@ -6,10 +6,12 @@ Two implementations: Zenoh between processes, memory within one (``--serial``, t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
+from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.messages import Ack, ChunkHeader, Hello, Refusal, Welcome
 
@@ -96,6 +98,18 @@ class ActorEndpoint(Protocol):
         and TimeoutError when there was no room within ``timeout`` seconds: then the chunk was
         not taken, call again.
         """
+        ...
+
+    def keep_book(self, path: Path) -> None:
+        """Note in ``path`` every chunk that is taken and every one that is settled.
+
+        Call it before the first upload. Lines are JSON, ``kind`` produced or settled. Raises
+        UserError when the file cannot be written.
+        """
+        ...
+
+    def adopt(self, config: TransportConfig) -> None:
+        """Take over what the run's configuration says of the patience with uploads."""
         ...
 
     def acks(self) -> list[Ack]:

@@ -5,28 +5,73 @@ Both transports use it, so the rules of sending again stand once. Thread-safe.
 
 from __future__ import annotations
 
+import json
+import logging
+import os
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+from lndrl.errors import UserError
 from lndrl.transport.messages import NO_WEIGHTS, UNKNOWN_ACTOR, Ack, Welcome
 
 PAUSE = 0.25
 MAX_ACKS = 1000
+logger = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class Entry:
-    """One encoded chunk until it is settled. ``due``: monotonic s before which it rests."""
+    """One encoded chunk until it is settled. ``due``: monotonic s before which it rests.
+
+    ``samples`` is what a ``Book`` says of it.
+    """
 
     actor_id: str
     incarnation: str
     sequence: int
     payload: bytes
+    samples: int = 0
     due: float = 0.0
     in_flight: bool = False
     epoch: int = 0
+
+
+class Book:
+    """A file with a JSON line for every chunk that enters the window and every one settled.
+
+    Each line is one write that appends, so all actors of a machine may share a file. Raises
+    UserError when it cannot be opened; a line that cannot be written later is a warning, because
+    an actor is there to collect samples.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise UserError(f"--ledger {path}: cannot be written ({error.strerror})") from None
+
+    def note(self, kind: str, entry: Entry, **more: Any) -> None:
+        """Append what happened to ``entry``."""
+        line = {
+            "kind": kind,
+            "actor": entry.actor_id,
+            "life": entry.incarnation,
+            "sequence": entry.sequence,
+            **more,
+        }
+        try:
+            os.write(self._file, json.dumps(line).encode() + b"\n")
+        except OSError as error:
+            logger.warning("%s: a line could not be written (%s)", self._path, error.strerror)
+
+    def close(self) -> None:
+        """Give the file back; nothing may be noted any more."""
+        os.close(self._file)
 
 
 class Ledger:
@@ -47,6 +92,11 @@ class Ledger:
         self._needs_hello = False
         self._done = False
         self._heard_at = time.monotonic()
+        self._book: Book | None = None
+
+    def keep_book(self, path: Path) -> None:
+        """Note every chunk in ``path`` from now on; raises UserError when that cannot be."""
+        self._book = Book(path)
 
     # -- the actor's thread
 
@@ -82,6 +132,8 @@ class Ledger:
     def add(self, entry: Entry) -> None:
         """Enter a chunk, last in the queue."""
         with self._changed:
+            if self._book is not None and not self._closed:
+                self._book.note("produced", entry, samples=entry.samples)
             self._entries.append(entry)
             self._changed.notify_all()
 
@@ -183,6 +235,8 @@ class Ledger:
                 if entry in self._entries:
                     self._entries.remove(entry)
                     self._acks.append(ack)
+                    if self._book is not None:
+                        self._book.note("settled", entry, status=ack.status)
                 self._changed.notify_all()
 
     def heard(self, version: int, incarnation: str, done: bool = False) -> None:
@@ -212,6 +266,9 @@ class Ledger:
         """Wake everybody up for good."""
         with self._changed:
             self._closed = True
+            book, self._book = self._book, None
+            if book is not None:
+                book.close()
             self._changed.notify_all()
 
     def _room(self) -> bool:

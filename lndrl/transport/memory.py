@@ -11,6 +11,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
@@ -150,8 +151,18 @@ class MemoryActor:
             self._send()
             if not self.ledger.has_room():
                 time.sleep(POLL)
-        self.ledger.add(Entry(header.actor_id, header.incarnation, header.sequence, payload))
+        samples = header.steps * header.worlds
+        self.ledger.add(
+            Entry(header.actor_id, header.incarnation, header.sequence, payload, samples)
+        )
         self._send()
+
+    def keep_book(self, path: Path) -> None:
+        """Note every upload in a file."""
+        self.ledger.keep_book(path)
+
+    def adopt(self, config: TransportConfig) -> None:
+        """Nothing to take over: answers come at once."""
 
     def acks(self) -> list[Ack]:
         """Acks that settled chunks since the last call."""

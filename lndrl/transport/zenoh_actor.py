@@ -11,6 +11,7 @@ import logging
 import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -115,7 +116,18 @@ class ZenohActor:
                 " horizon, or raise transport.max_message_megabytes"
             )
         self._ledger.wait_room(timeout)
-        self._ledger.add(Entry(header.actor_id, header.incarnation, header.sequence, payload))
+        samples = header.steps * header.worlds
+        self._ledger.add(
+            Entry(header.actor_id, header.incarnation, header.sequence, payload, samples)
+        )
+
+    def keep_book(self, path: Path) -> None:
+        """Note every upload in a file."""
+        self._ledger.keep_book(path)
+
+    def adopt(self, config: TransportConfig) -> None:
+        """Wait for acknowledgements as long as the run's configuration says."""
+        self._config = self._config.model_copy(update={"upload_timeout": config.upload_timeout})
 
     def acks(self) -> list[Ack]:
         """Acks that settled chunks since the last call."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
+from lndrl.errors import UserError
 from lndrl.transport.ledger import Entry, Ledger
 from lndrl.transport.messages import NO_WEIGHTS, UNKNOWN_ACTOR, Ack, Welcome
 
@@ -74,3 +77,30 @@ def test_a_second_answer_to_the_same_chunk_changes_nothing():
 def test_an_upload_needs_a_hello():
     with pytest.raises(RuntimeError, match="hello"):
         Ledger(2).check_ready()
+
+
+def test_a_book_notes_what_was_taken_and_what_became_of_it(tmp_path):
+    path = tmp_path / "book.jsonl"
+    ledgers = [greeted(Ledger(2)) for _ in range(2)]
+    for number, ledger in enumerate(ledgers):
+        ledger.keep_book(path)
+        ledger.add(Entry(f"a{number}", "one", 1, b"", samples=32))
+        chunk = ledger.take()
+        ledger.settle(chunk, Ack("pause"))
+        ledger.settle(chunk, Ack("accepted"))
+        ledger.settle(chunk, Ack("duplicate"))
+        ledger.close()
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    assert lines == [
+        line
+        for actor in ("a0", "a1")
+        for line in (
+            {"kind": "produced", "actor": actor, "life": "one", "sequence": 1, "samples": 32},
+            {"kind": "settled", "actor": actor, "life": "one", "sequence": 1, "status": "accepted"},
+        )
+    ]
+
+
+def test_a_book_that_cannot_be_written_is_one_sentence(tmp_path):
+    with pytest.raises(UserError, match="--ledger"):
+        Ledger(2).keep_book(tmp_path / "nowhere" / "book.jsonl")
