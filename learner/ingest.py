@@ -40,6 +40,7 @@ class Ingest:
         accounts: Accounts | None = None,
     ) -> None:
         self.config = config
+        self._config_data = config.model_dump(mode="json")  # for every actor that comes
         self.run_id = run_id
         self.incarnation = incarnation
         self.roster = roster
@@ -81,7 +82,7 @@ class Ingest:
         self.events.add("join", f"actor {hello.actor_id} on {member.host}", sender=hello.actor_id)
         return Welcome(
             run_id=self.run_id,
-            config=self.config.model_dump(mode="json"),
+            config=self._config_data,
             actor_index=member.index,
             weights_version=self.weights_version,
             learner_incarnation=self.incarnation,

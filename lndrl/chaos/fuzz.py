@@ -37,6 +37,7 @@ from lndrl.transport.zenoh_session import (
 SESSIONS = 4
 OPEN_QUERIES = 16  # of a session, whose answers it has yet to read
 ANSWER_SECONDS = 5.0
+MOST_ANSWERS = 64  # to one query: a key with wildcards asks everything that the learner answers
 FILES_PER_MESSAGE = 0.01
 MOST_FILES = 1000
 CALM = (5.0, 30.0)
@@ -262,7 +263,9 @@ class _Sender:
     def _send(self, message: Malformed) -> None:
         session = self._session
         if message.way == "query":
-            channel = session.ask(message.key, message.payload, ANSWER_SECONDS)
+            channel = session.ask(
+                message.key, message.payload, ANSWER_SECONDS, answers=MOST_ANSWERS
+            )
             self._open_queries.append((message, channel))
             return
         if message.way == "put":

@@ -86,11 +86,15 @@ class ZenohSession:
         payload: bytes,
         timeout: float,
         priority: zenoh.Priority = zenoh.Priority.DATA,
+        answers: int = 4,
     ) -> Any:
-        """Send a query; its answers arrive on the channel that is returned."""
+        """Send a query; its answers arrive on the channel that is returned.
+
+        More of them than ``answers``, unread, would block whatever else the session receives.
+        """
         return self.zenoh.get(
             key,
-            zenoh.handlers.FifoChannel(4),
+            zenoh.handlers.FifoChannel(answers),
             payload=payload,
             timeout=timeout,
             priority=priority,
