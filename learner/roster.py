@@ -249,7 +249,10 @@ class Roster:
                 "actors": {m.actor_id: m.index for m in self._members.values()},
                 "next_index": self._next_index,
                 "sequences": [
-                    [member.actor_id, incarnation, known.next, sorted(known.beyond)]
+                    [
+                        *(member.actor_id, incarnation),
+                        *(known.next, sorted(known.beyond), known.holes),
+                    ]
                     for member in self._members.values()
                     for incarnation, known in member.lives.items()
                 ],
@@ -265,9 +268,11 @@ class Roster:
             self._members = {a: Member(a, index, alive=False) for a, index in indices.items()}
             after = max(indices.values(), default=-1) + 1
             self._next_index = max(after, int(state.get("next_index", 0)))
-            for actor, incarnation, following, beyond in state["sequences"]:
+            for actor, incarnation, following, beyond, *holes in state["sequences"]:
                 lives = self._members[actor].lives
-                lives[str(incarnation)] = Sequences(int(following), map(int, beyond))
+                # Checkpoints of older versions know no holes.
+                known = [(int(first), int(last)) for first, last in (holes or [[]])[0]]
+                lives[str(incarnation)] = Sequences(int(following), map(int, beyond), known)
 
     def reconcile(self, settled: Iterable[ChunkId], excused: Iterable[ChunkId]) -> None:
         """After ``restore``: what else must not come again, and what need not come."""

@@ -146,9 +146,9 @@ def test_actor(services: Services) -> None:
     assert run(["actor", "--connect", "tcp/[::1]:7447"]) == 1
     assert run(["actor", "--connect", "tcp/[::1]:7447", "--count", "auto"]) == 1
     assert [call[1] for call in services.calls] == [
-        ("tcp/learner.example:7447", 2, 4, "cuda:0", None),
-        ("tcp/[::1]:7447", 1, None, "cpu", None),
-        ("tcp/[::1]:7447", usable_cores(), None, "cpu", None),
+        ("tcp/learner.example:7447", 2, 4, "cuda:0"),
+        ("tcp/[::1]:7447", 1, None, "cpu"),
+        ("tcp/[::1]:7447", usable_cores(), None, "cpu"),
     ]
 
 
