@@ -160,11 +160,10 @@ def _supervise(
 def reachable(endpoint: str) -> str:
     """Where this machine reaches a learner that listens at ``endpoint``.
 
-    No certificate is for 0.0.0.0 or [::].
+    No certificate is for 0.0.0.0 or [::], and zenoh reaches no IPv6 address over TLS.
     """
-    for anywhere, here in (("/0.0.0.0:", "/127.0.0.1:"), ("/[::]:", "/[::1]:")):
-        endpoint = endpoint.replace(anywhere, here)
-    return endpoint
+    any_ipv6 = "/localhost:" if endpoint.startswith("tls/") else "/[::1]:"
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", any_ipv6)
 
 
 def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:

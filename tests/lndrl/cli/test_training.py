@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from actors.balance import Balance
-from lndrl.cli.training import _keep_balance
+from lndrl.cli.training import _keep_balance, reachable
 
 
 class Fleet:
@@ -70,3 +70,17 @@ def test_idle_actors_leave_and_are_not_missed(turn) -> None:
 
 def test_before_the_first_update_nothing_is_known(turn) -> None:
     assert turn(1, 0.9, 0.0, updates=False) == (1, [], [])
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "here"),
+    [
+        ("tcp/0.0.0.0:7447", "tcp/127.0.0.1:7447"),
+        ("tls/0.0.0.0:7447", "tls/127.0.0.1:7447"),
+        ("tcp/[::]:7447", "tcp/[::1]:7447"),
+        ("tls/[::]:7447", "tls/localhost:7447"),
+        ("tls/learner.example:7447", "tls/learner.example:7447"),
+    ],
+)
+def test_local_actors_go_where_this_machine_reaches_the_learner(endpoint: str, here: str) -> None:
+    assert reachable(endpoint) == here
