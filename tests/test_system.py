@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 
+from lndrl.chaos.stage import descendants, is_worker, lives
 from lndrl.transport import free_endpoint
 
 PATIENCE = 120.0  # s; compiling on a busy machine takes long
@@ -80,22 +81,6 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
         process.wait()
 
 
-def descendants(pid: int) -> list[int]:
-    try:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    except OSError:
-        return []
-    found = [int(child) for child in children]
-    return found + [other for child in found for other in descendants(child)]
-
-
-def lives(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
 def test_learner_actor_and_dashboard_survive_a_killed_learner(desk: Desk) -> None:
     listen = ("--listen", desk.endpoint, "--run", "a")
     learner = desk.start("learner", "small.yaml", *listen)
@@ -144,13 +129,6 @@ def test_train_replaces_a_killed_actor_and_ctrl_c_leaves_nothing(desk: Desk) -> 
     steps = desk.rows()[-1]["steps"]
     assert (desk.folder / f"runs/a/checkpoints/step-{steps:09d}").is_dir()
     assert "Traceback" not in desk.log(run)
-
-
-def is_worker(pid: int) -> bool:
-    try:
-        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return False
 
 
 def test_serial_runs_repeat_byte_for_byte_apart_from_times(desk: Desk) -> None:

@@ -177,7 +177,7 @@ class Stage:
         """Process ids of a fleet's workers; of a single actor its own."""
         if "actor" not in fleet.command:
             return [fleet.pid] if fleet.alive() else []
-        return [pid for pid in descendants(fleet.pid) if _is_worker(pid)]
+        return [pid for pid in descendants(fleet.pid) if is_worker(pid)]
 
     # -- the end -----------------------------------------------------------------------------
 
@@ -274,7 +274,8 @@ def lives(pid: int) -> bool:
         return False
 
 
-def _is_worker(pid: int) -> bool:
+def is_worker(pid: int) -> bool:
+    """Whether a process is an actor that a fleet started."""
     try:
         return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
