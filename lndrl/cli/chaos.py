@@ -79,11 +79,11 @@ def chaos(
 def _run(options: dict[str, Any], place: Path, stop: Event, json: bool) -> bool:
     from lndrl.chaos.report import report_tables
     from lndrl.chaos.run import ChaosOptions, run_chaos
-    from lndrl.cli.progress import Line
     from lndrl.cli.tables import print_tables
+    from lndrl.view.progress import StatusLine
 
-    with Line() as line:
-        report = run_chaos(ChaosOptions(**options), place, stop, line.show)
+    with StatusLine() as line:
+        report = run_chaos(ChaosOptions(**options), place, stop, line.update)
     if json:
         typer.echo(json_format.dumps(report.to_dict(), indent=2))
     else:
@@ -95,11 +95,11 @@ def _run(options: dict[str, Any], place: Path, stop: Event, json: bool) -> bool:
 
 def _fuzz(count: int, seed: int, rate: float, place: Path, stop: Event, json: bool) -> bool:
     from lndrl.chaos.fuzz import fuzz_tables, run_fuzz
-    from lndrl.cli.progress import Line
     from lndrl.cli.tables import print_tables
+    from lndrl.view.progress import StatusLine
 
-    with Line() as line:
-        report = run_fuzz(count, seed, rate, place, stop, line.show)
+    with StatusLine() as line:
+        report = run_fuzz(count, seed, rate, place, stop, line.update)
     if json:
         typer.echo(json_format.dumps(report.to_dict(), indent=2))
     else:

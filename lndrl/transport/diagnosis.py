@@ -35,7 +35,7 @@ from lndrl.transport.probes import (
     speaks_tls,
 )
 from lndrl.transport.security import Security, settings
-from lndrl.transport.zenoh_session import UnreachableError, ZenohSession, _open
+from lndrl.transport.zenoh_session import UnreachableError, ZenohSession, open_session
 from lndrl.version import VERSION
 
 # What does not speak TLS keeps silent when it is asked to.
@@ -196,7 +196,7 @@ def _connect(address: Address, target: Target) -> ZenohSession:
         wanted["namespace"] = target.namespace
     start = time.monotonic()
     try:
-        return ZenohSession(_open(wanted, target.timeout + 2.0))
+        return ZenohSession(open_session(wanted, target.timeout + 2.0))
     except zenoh.ZError:
         if time.monotonic() - start > 0.9 * target.timeout:
             raise UnreachableError from None

@@ -189,7 +189,7 @@ def open_listening(
         "transport/unicast/max_sessions": 4096,
     }
     try:
-        return ZenohSession(_open(settings, 10.0, security))
+        return ZenohSession(open_session(settings, 10.0, security))
     except (zenoh.ZError, UnreachableError) as error:
         text = str(error)
     if "in use" in text:
@@ -227,7 +227,7 @@ def open_connecting(
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
     try:
-        return ZenohSession(_open(settings, timeout, security))
+        return ZenohSession(open_session(settings, timeout, security))
     except zenoh.ZError as error:
         raise UnreachableError(str(error)) from None
 
@@ -255,9 +255,10 @@ def _common(config: TransportConfig) -> dict[str, Any]:
     }
 
 
-def _open(
+def open_session(
     settings: Mapping[str, Any], timeout: float, security: Security | None = None
 ) -> zenoh.Session:
+    """Open a session within about ``timeout`` s; raises ZError, and UnreachableError when late."""
     built = build(settings, security)
     result: list[Any] = []
     abandoned = threading.Event()

@@ -6,10 +6,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
 
 from rich import box
 from rich.console import Console
+from rich.live import Live
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -29,6 +30,44 @@ LINE_EVERY = 10.0
 
 Advance = Callable[..., None]
 """``advance(count=1, note="")``: ``count`` more are done; ``note`` stands beside the bar."""
+
+
+class StatusLine:
+    """A line on stderr that changes, on a terminal; elsewhere one every ``every`` s.
+
+    The first of these comes at once where ``at_once``.
+    """
+
+    def __init__(
+        self, every: float = LINE_EVERY, at_once: bool = True, stream: TextIO | None = None
+    ) -> None:
+        self._console = Console(file=stream or sys.stderr, highlight=False)
+        drawn = self._console.is_terminal and not self._console.is_dumb_terminal
+        self._live = Live(console=self._console, transient=True) if drawn else None
+        self._every = every
+        self._last = time.monotonic() - (every if at_once else 0.0)
+
+    def __enter__(self) -> Self:
+        if self._live:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live:
+            self._live.stop()
+
+    def say(self, words: str) -> None:
+        """A line that stays."""
+        stamped = f"{time.strftime('%H:%M:%S')} {printable(words)}"
+        self._console.print(Text(stamped), soft_wrap=True)
+
+    def update(self, words: str) -> None:
+        """The line that changes."""
+        if self._live:
+            self._live.update(Text(words, no_wrap=True, overflow="ellipsis"))
+        elif time.monotonic() - self._last >= self._every:
+            self._last = time.monotonic()
+            self.say(words)
 
 
 @contextmanager

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from rich import box
-from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from lndrl.errors import UserError
-from lndrl.view.text import MISSING, duration, number, printable
+from lndrl.view.progress import StatusLine
+from lndrl.view.text import MISSING, duration, number
 
 if TYPE_CHECKING:
     from lndrl.evaluation.sweep import Estimate, Progress, SweepFigures, VariantFigures
@@ -45,38 +42,16 @@ def status_line(progress: Progress, steps: int) -> str:
     return ", ".join(parts)
 
 
-class SweepDisplay:
+class SweepDisplay(StatusLine):
     """One line that changes, on a terminal; else a line every five minutes. Writes to stderr."""
 
     def __init__(self, steps: int, stream: TextIO | None = None) -> None:
+        super().__init__(LINE_EVERY, at_once=False, stream=stream)
         self._steps = steps
-        self._console = Console(file=stream or sys.stderr, highlight=False)
-        drawn = self._console.is_terminal and not self._console.is_dumb_terminal
-        self._live = Live(console=self._console, transient=True) if drawn else None
-        self._last = time.monotonic()
-
-    def __enter__(self) -> SweepDisplay:
-        if self._live:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._live:
-            self._live.stop()
-
-    def say(self, words: str) -> None:
-        """A line that stays."""
-        stamped = f"{time.strftime('%H:%M:%S')} {printable(words)}"
-        self._console.print(Text(stamped), soft_wrap=True)
 
     def show(self, progress: Progress) -> None:
         """The line that changes."""
-        line = status_line(progress, self._steps)
-        if self._live:
-            self._live.update(Text(line, no_wrap=True, overflow="ellipsis"))
-        elif time.monotonic() - self._last >= LINE_EVERY:
-            self._last = time.monotonic()
-            self.say(line)
+        self.update(status_line(progress, self._steps))
 
 
 # -- tables -------------------------------------------------------------------------------------

@@ -19,17 +19,6 @@ PERIOD, STEPS, RADIUS, FASTEST = 0.4, 4, 0.17, 0.6
 RANGE = 12.0
 
 
-@pytest.fixture(scope="module")
-def config() -> RunConfig:
-    scenario = {
-        "name": "room",
-        "size": [8, 8],
-        "pedestrians": {"count": [0, 0]},
-        "robot": [{"start": [1, 1, 2, 2], "goal": [6, 6, 7, 7]}],
-    }
-    return RunConfig.model_validate({"scenario": scenario})
-
-
 def costs_slowly(
     linear: NDArray[Any],
     angular: NDArray[Any],

@@ -12,17 +12,6 @@ from lndrl.planners import RandomPlanner, StraightPlanner, episode_generator
 STEP = 0.4
 
 
-@pytest.fixture(scope="module")
-def config() -> RunConfig:
-    scenario = {
-        "name": "room",
-        "size": [8, 8],
-        "pedestrians": {"count": [0, 0]},
-        "robot": [{"start": [1, 1, 2, 2], "goal": [6, 6, 7, 7]}],
-    }
-    return RunConfig.model_validate({"scenario": scenario})
-
-
 def seen(goals: list[tuple[float, float]]) -> Observation:
     observation = Observation.zeros(len(goals))
     observation.goal[:, :2] = goals

@@ -41,7 +41,12 @@ from lndrl.transport.access import (
 )
 from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.security import settings
-from lndrl.transport.zenoh_session import UnreachableError, ZenohSession, _open, open_connecting
+from lndrl.transport.zenoh_session import (
+    UnreachableError,
+    ZenohSession,
+    open_connecting,
+    open_session,
+)
 from lndrl.version import VERSION
 from tests.lndrl.transport.authority import make_certificates
 
@@ -434,7 +439,7 @@ def test_a_client_without_certificate_is_refused(tmp_path) -> None:
             "transport/link/tls/root_ca_certificate": str(site.certificates / "ca.pem"),
         }
         with pytest.raises(zenoh.ZError):
-            _open(client, 5.0)
+            open_session(client, 5.0)
         site.session("actor")
     finally:
         site.close()
@@ -476,7 +481,7 @@ def test_two_runs_share_a_router(kind, tmp_path) -> None:
     if kind == "tls":
         listening = Security("learner", sites[0].certificates)
     roles = subjects(kind == "tls", list(PASSWORDS) if kind == "users" else None)
-    router = _open(
+    router = open_session(
         {
             "mode": "router",
             "scouting/multicast/enabled": False,
@@ -511,7 +516,7 @@ def test_a_router_that_restarts_is_found_again(tmp_path) -> None:
         "listen/endpoints": [site.config.endpoint],
         **settings(Security("learner", users=site.users), listening=True),
     }
-    router = _open(open_router, 20.0)
+    router = open_session(open_router, 20.0)
     try:
         site.learner()
         actor = open_actor(site.config.endpoint, site.config, site.security("actor"))
@@ -522,7 +527,7 @@ def test_a_router_that_restarts_is_found_again(tmp_path) -> None:
         router.close()
         send(actor, 2)
         assert not actor.flush(0.5)
-        router = _open(open_router, 20.0)
+        router = open_session(open_router, 20.0)
         assert actor.flush(30)
         assert site.handlers.sequences == [1, 2]
     finally:

@@ -22,7 +22,7 @@ from lndrl.transport.certificates import (
     load_certificate,
     renew,
 )
-from lndrl.transport.zenoh_session import _open, free_endpoint
+from lndrl.transport.zenoh_session import free_endpoint, open_session
 
 NOW = datetime.now(UTC)
 
@@ -202,7 +202,7 @@ def test_zenoh_believes_them(folder: Path) -> None:
     port = free_endpoint().rpartition(":")[2]
     quiet = {"scouting/multicast/enabled": False, "scouting/gossip/enabled": False}
     tls = "transport/link/tls"
-    listening = _open(
+    listening = open_session(
         {
             **quiet,
             "mode": "router",
@@ -219,7 +219,7 @@ def test_zenoh_believes_them(folder: Path) -> None:
             protected = security.settings(security.Security(role, folder))
             for host in ("127.0.0.1", "localhost"):
                 wanted = {"mode": "client", "connect/endpoints": [f"tls/{host}:{port}"]}
-                session = _open({**quiet, **wanted, **protected}, 20)
+                session = open_session({**quiet, **wanted, **protected}, 20)
                 links = [str(link.dst) for link in session.info.links()]
                 assert len(links) == 1 and links[0].startswith("tls/")
                 session.close()

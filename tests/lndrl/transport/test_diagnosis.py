@@ -33,7 +33,7 @@ from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import encode
 from lndrl.transport.permissions import OPERATIONS
 from lndrl.transport.probes import Address, Check, check_name, check_port, parse_address
-from lndrl.transport.zenoh_session import _open
+from lndrl.transport.zenoh_session import open_session
 from lndrl.version import VERSION
 
 NOW = datetime.now(UTC)
@@ -111,7 +111,7 @@ def learner(
 ) -> Iterator[str]:
     """A session that listens, answers and publishes like a learner; None answers nothing."""
     endpoint = f"{scheme}/{free_endpoint().partition('/')[2]}"
-    session = _open(
+    session = open_session(
         {
             "mode": "router",
             "listen/endpoints": [endpoint],
@@ -213,7 +213,7 @@ def test_zenoh_cannot_use_ipv6_addresses_over_tls(folder: Path) -> None:
         **mutual(folder),
         "scouting/delay": 0,
     }
-    session = _open(listening, 30)
+    session = open_session(listening, 30)
     try:
         with pytest.raises(zenoh.ZError):
             doctor._connect(address, Target(str(address), "actor", folder))
