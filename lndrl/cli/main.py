@@ -28,6 +28,7 @@ SUMMARIES = {
     "dashboard": "Watch a running learner from another terminal.",
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "benchmark": "Fill and show the paper's table: methods x scenarios x episodes.",
+    "calibrate": "Hold variants of the bench against the paper's DWA row.",
     "localization": "Measure the filter on recorded drives: errors, lost rate, recovery.",
     "play": "Draw an episode of a policy as a picture or an animation.",
     "scenarios": "List the places to train and test in, and draw them.",

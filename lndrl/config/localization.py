@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from statistics import NormalDist
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -112,6 +112,9 @@ class LocalizationConfig(Model):
     )
     initial_cov_yy: NonNegative | None = Field(None, description="m^2")
     initial_cov_aa: NonNegative | None = Field(None, description="rad^2; (pi/12)^2 in ROS")
+    delay: Annotated[int, Field(ge=0, le=50)] = Field(
+        0, description="control steps by which the pose and variances that the robot hears are old"
+    )
     agreement_distance: Positive = Field(
         0.2, description="m from an obstacle within which a beam agrees with the estimate"
     )

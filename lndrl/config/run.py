@@ -134,18 +134,25 @@ def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -
     """
     path = Path(path)
     data = _with_base(path)
-    for override in overrides:
-        _apply(data, override)
     where = str(path) if not overrides else f"{path} with --set"
+    for override in overrides:
+        if override.startswith("scenario."):
+            _resolve_scenario(data, path, where)  # its keys can be set once they are there
+        _apply(data, override)
+    _resolve_scenario(data, path, where)
+    if data.get("scenario") is None:
+        raise UserError(f"{where}: scenario is missing; name one, e.g. scenario: hybrid")
+    config = validate(RunConfig, data, where)
+    return config.model_copy(update={"scenario": _with_map(config.scenario, path)})
+
+
+def _resolve_scenario(data: dict[str, Any], path: Path, where: str) -> None:
+    """Put what the scenario's name stands for in its place."""
     if isinstance(data.get("scenario"), str):
         try:
             data["scenario"] = load_scenario(data["scenario"], path.parent).model_dump()
         except UserError as error:
             raise UserError(f"{where}: {error}") from None
-    elif data.get("scenario") is None:
-        raise UserError(f"{where}: scenario is missing; name one, e.g. scenario: hybrid")
-    config = validate(RunConfig, data, where)
-    return config.model_copy(update={"scenario": _with_map(config.scenario, path)})
 
 
 def _with_base(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:

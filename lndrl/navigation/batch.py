@@ -50,7 +50,9 @@ class NavigationBatch:
         self.observation = observation
         self.world = WorldBatch(place, config.world, worlds)
         self.beliefs = make_beliefs(worlds, localization)
-        self.tracks = make_tracks(worlds, laser.beams, steps_limit(config.world, config.task))
+        delay = 0 if self.perfect else localization.delay
+        limit = steps_limit(config.world, config.task)
+        self.tracks = make_tracks(worlds, laser.beams, limit, delay)
         stride = amcl_beam_stride(laser, config.localization)
         bearings = beam_bearings(laser)[::stride].astype(np.float32)
         self.shared = Filter(

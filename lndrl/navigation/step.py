@@ -153,16 +153,16 @@ def track_row(tracks, i):
     """World ``i`` of ``Track`` arrays, for kernels."""
     return Track(
         tracks.scan[i], tracks.before[i], tracks.variance[i], tracks.reward[i], tracks.parts[i],
-        tracks.sums[i], tracks.distance[i], tracks.steps[i], tracks.outcome[i], tracks.path[i],
-        tracks.path_estimated[i],
+        tracks.sums[i], tracks.distance[i], tracks.steps[i], tracks.outcome[i], tracks.reports[i],
+        tracks.path[i], tracks.path_estimated[i],
     )  # fmt: skip
 
 
 @njit(inline="always")
-def _begin(robot, belief, track, v, w, deviation):
+def _begin(robot, track, v, w, deviation):
     for k in range(3):
         track.before[0, k] = robot.pose[k]
-        track.before[1, k] = belief.pose[k]
+        track.before[1, k] = track.reports[-1, k]
     take_command(robot, v, w, deviation)
 
 
@@ -183,7 +183,7 @@ def drive_worlds(machine, first, commands, ticks):
         belief, track = belief_row(beliefs, world), track_row(tracks, world)
         if ticks > 0:
             command = commands[world - first]
-            _begin(robot, belief, track, command[0], command[1], setting.odometry_deviation)
+            _begin(robot, track, command[0], command[1], setting.odometry_deviation)
         for tick in range(max(ticks, 1)):
             if ticks > 0:
                 x, y = robot.pose[0], robot.pose[1]
@@ -212,17 +212,34 @@ def drive_worlds(machine, first, commands, ticks):
                 )  # fmt: skip
             if last:
                 break
-        for k in range(3):
-            track.variance[k] = belief.covariance[k, k]
 
 
 @njit(inline="always")
-def _observe(robots, people, beliefs, tracks, views, task, begun, i):
+def _report(beliefs, tracks, begun, i):
+    """Let what the filter of world ``i`` says be heard: at once, or as many steps later as there
+    are older reports. ``begun``: it has never said anything else."""
+    reports = tracks.reports[i]
+    for age in range(len(reports) - 1, 0, -1):
+        for k in range(6):
+            reports[age, k] = reports[age - 1, k]
+    for k in range(3):
+        reports[0, k] = beliefs.pose[i, k]
+        reports[0, 3 + k] = beliefs.covariance[i, k, k]
+    if begun:
+        for age in range(1, len(reports)):
+            for k in range(6):
+                reports[age, k] = reports[0, k]
+    for k in range(3):
+        tracks.variance[i, k] = reports[-1, 3 + k]
+
+
+@njit(inline="always")
+def _observe(robots, people, tracks, views, task, begun, i):
     """Write what world ``i`` shows to its row of the views; ``begun``: for the first time."""
     count = people.count[i, 0]
     push_scan(tracks.scan[i], task.scan_scale, begun, views.scan[i])
     goal_vector(
-        beliefs.pose[i], tracks.variance[i], robots.goal[i], robots.start[i, 2],
+        tracks.reports[i, -1, :3], tracks.variance[i], robots.goal[i], robots.start[i, 2],
         task.variance_limit, views.goal[i],
     )  # fmt: skip
     views.pedestrian_count[i] = pedestrians_in_view(
@@ -232,11 +249,11 @@ def _observe(robots, people, beliefs, tracks, views, task, begun, i):
 
 
 @njit(inline="always")
-def _pay(robots, beliefs, tracks, task, i):
+def _pay(robots, tracks, task, i):
     """Pay the step and see whether it ends the episode: collided, lost, arrived or timeout."""
     collided = robots.contact[i, 0] != 0
     tracks.reward[i, 0], lost, arrived = judge(
-        tracks.before[i], robots.pose[i], beliefs.pose[i], tracks.variance[i],
+        tracks.before[i], robots.pose[i], tracks.reports[i, -1, :3], tracks.variance[i],
         robots.goal[i], collided, task.limits, task.weights, tracks.parts[i], tracks.sums[i],
     )  # fmt: skip
     tracks.steps[i, 0] += 1
@@ -262,10 +279,11 @@ def judge_worlds(machine, first, worlds, begun):
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     views, task = Views(*machine[4]), Task(*machine[8])
     for i in range(first, first + worlds):
-        _observe(robots, people, beliefs, tracks, views, task, begun, i)
+        _report(beliefs, tracks, begun, i)
+        _observe(robots, people, tracks, views, task, begun, i)
         if not begun:
-            _pay(robots, beliefs, tracks, task, i)
+            _pay(robots, tracks, task, i)
         step = tracks.steps[i, 0]
         for k in range(2):
             tracks.path[i, step, k] = robots.pose[i, k]
-            tracks.path_estimated[i, step, k] = beliefs.pose[i, k]
+            tracks.path_estimated[i, step, k] = tracks.reports[i, -1, k]

@@ -19,19 +19,23 @@ class Track(NamedTuple):
 
     scan: NDArray[np.float32]  # (beams,) m, the last full one
     before: Floats  # (2, 3) true and estimated pose before the step
-    variance: Floats  # (3,) of x, y (m^2), yaw (rad^2), after the last update
+    variance: Floats  # (3,) of x, y (m^2), yaw (rad^2), as heard after the step
     reward: Floats  # (1,) of the last step
     parts: Floats  # (6,) its summands
     sums: Floats  # (9,) of parts, position error, angle error, sum of variances
     distance: Floats  # (1,) m along the true path
     steps: NDArray[np.int64]  # (1,)
     outcome: NDArray[np.int64]  # (1,) see above
+    reports: Floats  # (delay + 1, 6) pose and variances, newest first; the last is heard
     path: Floats  # (steps_limit + 1, 2) true positions
     path_estimated: Floats  # (steps_limit + 1, 2)
 
 
-def make_tracks(worlds: int, beams: int, steps_limit: int) -> Track:
-    """Tracks of ``worlds`` worlds, all zero: every array has a leading world dimension."""
+def make_tracks(worlds: int, beams: int, steps_limit: int, delay: int = 0) -> Track:
+    """Tracks of ``worlds`` worlds, all zero: every array has a leading world dimension.
+
+    The robot hears what its filter said ``delay`` control steps ago.
+    """
     return Track(
         scan=np.zeros((worlds, beams), np.float32),
         before=np.zeros((worlds, 2, 3)),
@@ -42,6 +46,7 @@ def make_tracks(worlds: int, beams: int, steps_limit: int) -> Track:
         distance=np.zeros((worlds, 1)),
         steps=np.zeros((worlds, 1), np.int64),
         outcome=np.zeros((worlds, 1), np.int64),
+        reports=np.zeros((worlds, delay + 1, 6)),
         path=np.zeros((worlds, steps_limit + 1, 2)),
         path_estimated=np.zeros((worlds, steps_limit + 1, 2)),
     )

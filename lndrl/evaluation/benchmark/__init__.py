@@ -1,5 +1,14 @@
 """The test bench: methods x scenarios x episodes, resumable, paired, with provenance."""
 
+from lndrl.evaluation.benchmark.calibration import (
+    CALIBRATION,
+    METHOD,
+    BenchVariant,
+    CalibrationSpec,
+    calibration_table,
+    load_calibration,
+    targets,
+)
 from lndrl.evaluation.benchmark.figures import Paired, Row, mcnemar, rows_of, summary_of
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.evaluation.benchmark.run import Cell, Plan
@@ -18,9 +27,13 @@ from lndrl.evaluation.benchmark.table import benchmark_table
 
 __all__ = [
     "BENCHMARK",
+    "CALIBRATION",
     "IDENTITY",
+    "METHOD",
     "PAPER",
+    "BenchVariant",
     "BenchmarkSpec",
+    "CalibrationSpec",
     "Cell",
     "Contender",
     "Identity",
@@ -31,10 +44,13 @@ __all__ = [
     "bench_config",
     "bench_hash",
     "benchmark_table",
+    "calibration_table",
     "choose",
     "contenders",
     "load_benchmark",
+    "load_calibration",
     "mcnemar",
     "rows_of",
     "summary_of",
+    "targets",
 ]

@@ -6,7 +6,7 @@ interrupted as well: what a policy does depends, by rounding, on which episodes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -40,6 +40,8 @@ class Cell:
 class Plan:
     """What is to be tested, and what of it is not in ``folder`` yet.
 
+    ``changes`` (scenario to key=value) make another bench of some scenarios, for calibration.
+
     Raises UserError for unknown scenarios; the other methods also where the folder holds results
     of another bench, seed or weights, or cannot be written.
     """
@@ -51,10 +53,16 @@ class Plan:
         scenarios: Sequence[str],
         episodes: int,
         seed: int,
+        changes: Mapping[str, Sequence[str]] | None = None,
     ) -> None:
         self.folder, self.episodes = folder, episodes
+        changes = changes or {}
         self.cells = [
-            Cell(contender, scenario, bench_config(contender, scenario, seed))
+            Cell(
+                contender,
+                scenario,
+                bench_config(contender, scenario, seed, changes.get(scenario, ())),
+            )
             for contender in methods
             for scenario in scenarios
         ]

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, load_scenario
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.models import Model, load_yaml, validate
 from lndrl.planners import PlannerSource, planner_source
@@ -110,19 +110,22 @@ def contenders(
     return found, missing
 
 
-def bench_config(contender: Contender, scenario: str, seed: int) -> RunConfig:
+def bench_config(
+    contender: Contender, scenario: str, seed: int, changes: Sequence[str] = ()
+) -> RunConfig:
     """What ``contender`` is tested under in ``scenario``.
 
     World, filter and task limits are the bench's own, whatever the policy was trained under; what
-    the policy sees and does, and its networks, are those of its training.
+    the policy sees and does, and its networks, are those of its training. ``changes`` (key=value)
+    make another bench, for calibration.
     """
-    base = load_config(_BASE)
+    base = load_config(_BASE, [f"scenario={scenario}", *changes])
     config = contender.source.config or base
     limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit")
     return config.model_copy(
         update={
             "seed": seed,
-            "scenario": load_scenario(scenario),
+            "scenario": base.scenario,
             "world": base.world,
             "localization": base.localization.model_copy(update={"kind": contender.localization}),
             "task": config.task.model_copy(

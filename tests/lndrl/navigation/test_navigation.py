@@ -11,7 +11,9 @@ import pytest
 from lndrl import localization
 from lndrl.config import RunConfig
 from lndrl.navigation.navigation import Navigation, Transition, build_surroundings
+from lndrl.navigation.observation import goal_vector
 from lndrl.navigation.render import render_snapshot
+from lndrl.navigation.reward import pose_error
 from lndrl.randomness import Stream, episode_states
 from lndrl.world import World, beam_bearings
 
@@ -38,6 +40,7 @@ def made_config(**changes) -> RunConfig:
 
 AMCL = made_config()
 PERFECT = made_config(localization={"kind": "perfect"})
+LATE = made_config(localization={"min_particles": 60, "max_particles": 200, "delay": 2})
 SURROUNDINGS = build_surroundings(AMCL)
 
 
@@ -329,3 +332,31 @@ def test_three_scans_are_those_of_three_steps_and_nothing_else_changes() -> None
         seen.append(one.observation.scan.copy())
     three.reset()
     assert len(np.unique(three.observation.scan.reshape(3, beams), axis=0)) == 1
+
+
+def test_a_delayed_estimate_is_heard_steps_later_and_nothing_else_changes() -> None:
+    commands = [(0.4, 0.3), (0.2, -0.9), (0.0, 0.0), (0.2, 0.9), (0.4, 0.0), (0.6, -0.3)]
+    prompt = started(episode=2)
+    late = started(LATE, episode=2)
+    said = [(prompt.localization.pose_estimated.copy(), prompt.localization.variance.copy())]
+    for step, (v, w) in enumerate(commands, 1):
+        prompt.step(v, w)
+        transition = late.step(v, w)
+        belief = prompt.localization
+        said.append((belief.pose_estimated.copy(), belief.variance.copy()))
+        np.testing.assert_array_equal(late.localization.pose_estimated, said[step][0])
+        pose, variance = said[max(0, step - 2)]
+        truth = late.world.pose_true
+        seen = np.zeros(6, np.float32)
+        goal_vector(pose, variance, late.world.goal, late.world.start_pose[2], 10.0, seen)
+        np.testing.assert_array_equal(late.observation.goal, seen)
+        np.testing.assert_array_equal(late.track.path_estimated[step], pose[:2])
+        before = said[max(0, step - 3)][0]
+        grown = pose_error(truth, pose) - pose_error(late.track.before[0], before)
+        assert transition.parts[1] == pytest.approx(-400.0 * grown, abs=1e-9)
+
+
+def test_the_truth_is_never_late() -> None:
+    navigation = started(made_config(localization={"kind": "perfect", "delay": 3}))
+    navigation.step(0.6, 0.9)
+    assert navigation.track.path_estimated[1] == pytest.approx(navigation.world.pose_true[:2])

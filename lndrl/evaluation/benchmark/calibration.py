@@ -1,0 +1,116 @@
+"""How near variants of the bench come to the paper's DWA row, the only one that may be looked at.
+
+Nobody has the paper's maps. What its text leaves open is chosen such that the classical baseline
+fares here as it did there; learned policies are tested on the result, never before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from rich.table import Table
+
+from lndrl.config import REPOSITORY_CONFIGS
+from lndrl.evaluation.benchmark.figures import Row
+from lndrl.evaluation.benchmark.paper import PAPER
+from lndrl.models import Model, load_yaml, validate
+
+CALIBRATION = REPOSITORY_CONFIGS / "calibration.yaml"
+METHOD = "dwa"
+
+
+class BenchVariant(Model):
+    """One way the bench could be: ``set`` in all scenarios, ``only`` in one of them."""
+
+    why: str = Field(min_length=1, description="one line: what it would tell")
+    set: list[str] = Field(default_factory=list, description="key=value, as --set of lndrl train")
+    only: dict[str, list[str]] = Field(default_factory=dict, description="scenario to key=value")
+
+    def changes(self, scenario: str) -> list[str]:
+        """Of one scenario."""
+        return [*self.set, *self.only.get(scenario, [])]
+
+
+class CalibrationSpec(Model):
+    """``configs/calibration.yaml``."""
+
+    scenarios: list[str] = Field(min_length=1)
+    seed: Annotated[int, Field(ge=0)] = 0
+    variants: dict[str, BenchVariant] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What one figure of the DWA row should be, and what still counts as met."""
+
+    name: str
+    column: str
+    value: float
+    least: float
+    most: float
+
+    def met(self, value: float | None) -> bool:
+        """Whether ``value`` is near enough."""
+        return value is not None and self.least <= value <= self.most
+
+
+def targets() -> list[Target]:
+    """The paper's row: rates within 0.05 (lost within a factor of two), time and distance within
+    a tenth, errors within a factor of 1.5."""
+    row = PAPER[METHOD]
+
+    def near(name: str, column: str, by: float) -> Target:
+        value = getattr(row, name)
+        return Target(name, column, value, value - by, value + by)
+
+    def factor(name: str, column: str, by: float) -> Target:
+        value = getattr(row, name)
+        return Target(name, column, value, value / by, value * by)
+
+    return [
+        near("ar", "AR", 0.05),
+        near("cr", "CR", 0.05),
+        factor("lr", "LR", 2.0),
+        near("sr", "SR", 0.05),
+        near("reach_time", "t (s)", 0.1 * row.reach_time),
+        near("distance", "d (m)", 0.1 * row.distance),
+        factor("position_error", "e_p (m)", 1.5),
+        factor("angle_error", "e_α (rad)", 1.5),
+        factor("variance_sum", "Σ_v", 1.5),
+    ]
+
+
+def load_calibration(path: Path = CALIBRATION) -> CalibrationSpec:
+    """Read the variants; raises UserError naming the file and key."""
+    return validate(CalibrationSpec, load_yaml(path), str(path))
+
+
+def calibration_table(rows: Sequence[tuple[str, Row]], title: str) -> Table:
+    """A row per variant: figures, those off target marked, and how many are met."""
+    wanted = targets()
+    table = Table(title=title, title_justify="left")
+    table.add_column("variant")
+    table.add_column("episodes", justify="right")
+    for target in wanted:
+        table.add_column(target.column, justify="right")
+    table.add_column("met", justify="right")
+    table.add_row("paper", "2,500", *(f"{t.value:.3f}" for t in wanted), "", style="bold")
+    bounds = (f"{t.least:.2f}-{t.most:.2f}" for t in wanted)
+    table.add_row("  target", "", *bounds, str(len(wanted)), style="dim")
+    for name, row in rows:
+        figures = row.to_dict()
+        cells = [_cell(figures[t.name], t) for t in wanted]
+        met = sum(t.met(figures[t.name]) for t in wanted)
+        table.add_row(name, f"{len(row.records):,}", *cells, str(met))
+    return table
+
+
+def _cell(value: float | None, target: Target) -> str:
+    if value is None:
+        return "-"
+    words = f"{value:.3f}"
+    return words if target.met(value) else f"[yellow]{words} *[/yellow]"
