@@ -116,6 +116,7 @@ class Scenario(Model):
 
     name: str
     description: str = ""
+    version: int = Field(0, ge=0, description="raised when a place that results name changes")
     kind: Literal["geometry", "map", "random"] = "geometry"
     size: Point = Field((0.0, 0.0), description="width and height (m); a map has its own")
     resolution: float = Field(0.05, gt=0, le=0.5, description="grid cell (m); a map has its own")

@@ -60,8 +60,11 @@ def benchmark(
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
     from lndrl.evaluation.benchmark import (
         BENCHMARK,
+        IDENTITY,
+        Identity,
         Plan,
         ResultsFolder,
+        check_frozen,
         choose,
         contenders,
         load_benchmark,
@@ -73,13 +76,15 @@ def benchmark(
     if table:
         wanted = _names(methods)
         chosen = None if wanted is None else choose(list(bench.methods), wanted, "method")
+        check_frozen(bench, Identity.read(folder.path / IDENTITY).scenarios)
         _show(folder, chosen, None if scenarios is None else places, episodes, json)
         return
     found, missing = contenders(bench, _names(methods), localization, greedy)
     if missing:
         typer.echo(f"without weights, left out: {', '.join(missing)}", err=True)
     count = episodes or 500
-    plan = Plan(folder, found, places, count, bench.seed)
+    plan = Plan(folder, found, places, count, bench.seed, bench.changes)
+    check_frozen(bench, plan.identity.scenarios)
     _run(plan, len(os.sched_getaffinity(0)) if workers is None else workers)
     _summarize(plan)
     _show(folder, [contender.name for contender in found], places, count, json)

@@ -69,19 +69,18 @@ def calibrate(
 
 
 def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, workers: int) -> None:
-    from lndrl.evaluation.benchmark import METHOD, Contender, Plan, ResultsFolder
-    from lndrl.planners import planner_source
+    from lndrl.evaluation.benchmark import Plan, ResultsFolder, load_benchmark
     from lndrl.view.progress import progress_bar
 
-    dwa = Contender(METHOD, planner_source(METHOD), "amcl")
+    bench = load_benchmark()
     plans = [
         Plan(
             ResultsFolder(place / name),
-            [dwa],
+            [spec.variants[name].contender],
             spec.scenarios,
             episodes,
             spec.seed,
-            {scenario: spec.variants[name].changes(scenario) for scenario in spec.scenarios},
+            {s: [*bench.set, *spec.variants[name].changes(s)] for s in spec.scenarios},
         )
         for name in names
     ]

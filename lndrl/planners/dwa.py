@@ -34,7 +34,7 @@ class DWAConfig(Model):
     horizon: Positive = Field(1.6, description="s that a candidate is followed")
     goal_weight: NonNegative = Field(1.0, description="per metre from the arc's end to the goal")
     heading_weight: NonNegative = Field(
-        0.1, description="per rad that the arc's end looks past the goal (its size is ours)"
+        0.5, description="per rad that the arc's end looks past the goal (ours, docs/bench.md)"
     )
     velocity_weight: NonNegative = Field(0.05, description="per m/s below the fastest")
     obstacle_weight: NonNegative = Field(0.25, description="per 1/m of the least clearance")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.planners.dwa import DWAPlanner
+from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
@@ -25,12 +25,14 @@ class PlannerSource:
     """Everything that a planner is built from; picklable, so that workers build the same one.
 
     ``config`` and ``weights`` are those that were trained together, None for a rule. A run
-    that goes on training meanwhile changes neither.
+    that goes on training meanwhile changes neither. ``parameters`` are DWA's where they are not the
+    defaults.
     """
 
     name: str
     config: RunConfig | None = None
     weights: bytes | None = None
+    parameters: DWAConfig | None = None
 
     def build(self, config: RunConfig, greedy: bool = False) -> Planner:
         """The planner for episodes under ``config``.
@@ -38,6 +40,8 @@ class PlannerSource:
         ``greedy`` takes the likeliest action instead of sampling; rules ignore it. Raises
         UserError when the weights do not fit the networks of ``config``.
         """
+        if self.parameters is not None:
+            return DWAPlanner(config, self.parameters)
         if self.weights is None:
             return RULES[self.name](config)
         from lndrl.planners.policy import PolicyPlanner

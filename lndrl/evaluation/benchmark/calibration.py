@@ -17,7 +17,10 @@ from rich.table import Table
 from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.evaluation.benchmark.figures import Row
 from lndrl.evaluation.benchmark.paper import PAPER
+from lndrl.evaluation.benchmark.spec import Contender
 from lndrl.models import Model, load_yaml, validate
+from lndrl.planners import PlannerSource
+from lndrl.planners.dwa import DWAConfig
 
 CALIBRATION = REPOSITORY_CONFIGS / "calibration.yaml"
 METHOD = "dwa"
@@ -29,10 +32,16 @@ class BenchVariant(Model):
     why: str = Field(min_length=1, description="one line: what it would tell")
     set: list[str] = Field(default_factory=list, description="key=value, as --set of lndrl train")
     only: dict[str, list[str]] = Field(default_factory=dict, description="scenario to key=value")
+    dwa: DWAConfig | None = Field(None, description="other parameters of the planner")
 
     def changes(self, scenario: str) -> list[str]:
         """Of one scenario."""
         return [*self.set, *self.only.get(scenario, [])]
+
+    @property
+    def contender(self) -> Contender:
+        """DWA as this variant has it."""
+        return Contender(METHOD, PlannerSource(METHOD, parameters=self.dwa), "amcl")
 
 
 class CalibrationSpec(Model):

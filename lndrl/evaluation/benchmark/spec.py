@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -35,7 +35,18 @@ class BenchmarkSpec(Model):
 
     scenarios: list[str] = Field(min_length=1)
     seed: Annotated[int, Field(ge=0)] = 0
+    set: list[str] = Field(
+        default_factory=list, description="key=value, as --set of lndrl train, in all scenarios"
+    )
+    frozen: dict[str, str] = Field(
+        default_factory=dict, description="scenario to the hash that it must have"
+    )
     methods: dict[str, Method] = Field(min_length=1)
+
+    @property
+    def changes(self) -> dict[str, list[str]]:
+        """What ``set`` means for each scenario."""
+        return dict.fromkeys(self.scenarios, self.set)
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,8 @@ class Contender:
     @property
     def identity(self) -> str:
         """What must not change while a table is filled."""
+        if self.source.parameters is not None:
+            return f"{self.source.name} {self.source.parameters.model_dump_json()}"
         if self.source.weights is None:
             return self.source.name
         return hashlib.sha256(self.source.weights).hexdigest()[:16]
@@ -138,7 +151,8 @@ def bench_config(
 def bench_hash(config: RunConfig) -> str:
     """Twelve hex digits that change when the bench changes in ``config``'s scenario.
 
-    The localization's kind is left out: it is a property of the method.
+    Whatever it is that changes: the scenario, the world's defaults, the filter's, the task's
+    limits. The localization's kind is left out: it is a property of the method.
     """
     task = config.task
     parts = {
@@ -148,3 +162,18 @@ def bench_hash(config: RunConfig) -> str:
         "task": [task.arrive_distance, task.lost_distance, task.lost_angle, task.time_limit],
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def check_frozen(spec: BenchmarkSpec, hashes: Mapping[str, str]) -> None:
+    """See that every scenario in ``hashes`` (name to hash) is the one that ``spec`` has frozen.
+
+    Raises UserError: its results would stand in one table with those of another place.
+    """
+    for scenario, found in hashes.items():
+        frozen = spec.frozen.get(scenario, found)
+        if frozen != found:
+            raise UserError(
+                f"scenario {scenario} is not the bench's: its hash is {found}, frozen is {frozen}; "
+                "undo what has changed of place, world, filter or task, or raise its version, "
+                "freeze the new hash and test every method anew"
+            )
