@@ -12,7 +12,8 @@ import typer
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.benchmark import CalibrationSpec, Row
+    from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Row
+    from lndrl.navigation import EpisodeRecord
 
 RESULTS = Path("results")
 
@@ -87,12 +88,11 @@ def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, wo
     left = sum(plan.left() for plan in plans)
     with progress_bar(left, "calibrate", "episodes") as advance:
         for name, plan in zip(names, plans, strict=True):
-            plan.run(
-                workers,
-                lambda cell, record, name=name: advance(
-                    1, f"{name} on {cell.scenario}: {record.outcome}"
-                ),
-            )
+
+            def note(cell: Cell, record: EpisodeRecord, name: str = name) -> None:
+                advance(1, f"{name} on {cell.scenario}: {record.outcome}")
+
+            plan.run(workers, note)
 
 
 def _rows(

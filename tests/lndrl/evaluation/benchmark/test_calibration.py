@@ -1,4 +1,4 @@
-"""Variants of the bench against the paper's DWA row, and the freezing of the one that was chosen."""
+"""Variants of the bench against the paper's DWA row, and the one that was frozen."""
 
 from __future__ import annotations
 
