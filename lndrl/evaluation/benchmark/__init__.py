@@ -2,6 +2,12 @@
 
 from lndrl.evaluation.benchmark.figures import Paired, Row, mcnemar, rows_of, summary_of
 from lndrl.evaluation.benchmark.paper import PAPER
+from lndrl.evaluation.benchmark.replay import (
+    Drive,
+    Replay,
+    contender_named,
+    contenders_named,
+)
 from lndrl.evaluation.benchmark.run import Cell, Plan
 from lndrl.evaluation.benchmark.spec import (
     BENCHMARK,
@@ -15,6 +21,14 @@ from lndrl.evaluation.benchmark.spec import (
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.table import benchmark_table
+from lndrl.evaluation.benchmark.worst import (
+    Recorded,
+    badness,
+    check_scenario,
+    difference,
+    tested_contender,
+    worst_episodes,
+)
 
 __all__ = [
     "BENCHMARK",
@@ -23,18 +37,28 @@ __all__ = [
     "BenchmarkSpec",
     "Cell",
     "Contender",
+    "Drive",
     "Identity",
     "Paired",
     "Plan",
+    "Recorded",
+    "Replay",
     "ResultsFolder",
     "Row",
+    "badness",
     "bench_config",
     "bench_hash",
     "benchmark_table",
+    "check_scenario",
     "choose",
+    "contender_named",
     "contenders",
+    "contenders_named",
+    "difference",
     "load_benchmark",
     "mcnemar",
     "rows_of",
     "summary_of",
+    "tested_contender",
+    "worst_episodes",
 ]
