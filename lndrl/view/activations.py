@@ -16,12 +16,21 @@ from numpy.typing import NDArray
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.view.palette import BLUE, INK, PAPER, SKY, SLATE
 from lndrl.view.trajectories import quiet
-from lndrl.view.world import View, draw_floor, draw_goal, draw_laser, draw_people, draw_robot
+from lndrl.view.world import (
+    CLOSE_UP,
+    View,
+    close_view,
+    draw_floor,
+    draw_goal,
+    draw_laser,
+    draw_people,
+    draw_robot,
+)
 
 _SHADES = "viridis"
 _SIZE = (12.6, 6.4)  # inches
 _SCENE = 0.385  # of the width
-_AROUND = 1.0  # m beyond the farthest echo
+_AROUND = 1.0  # m beyond what is seen
 
 
 @dataclass(frozen=True)
@@ -49,12 +58,12 @@ def activations_figure(activations: Activations, title: str = "") -> Figure:
     FigureCanvasAgg(figure)
     width, height = _SIZE
     side = _SCENE * width
-    scene = figure.add_axes((0.15 / width, 0.95 / height, _SCENE, side / height))
+    scene = figure.add_axes((0.15 / width, 1.1 / height, _SCENE, side / height))
     mean = activations.values.mean(axis=0)
     norm = Normalize(0.0, max(float(mean.max()), 1e-9))
     draw_scene(activations, scene, norm)
     scene.set_title(title, loc="left", size=10.5, color=INK, pad=7)
-    _colour_bar(figure, norm, (0.15 / width, 0.62 / height, _SCENE, 0.11 / height))
+    _colour_bar(figure, norm, (0.15 / width, 0.72 / height, _SCENE, 0.11 / height))
     left, across = _SCENE + 0.95 / width, 0.985 - _SCENE - 0.95 / width - 0.7 / width
     scan = figure.add_axes((left, 4.35 / height, across, 1.6 / height))
     line = figure.add_axes((left, 2.85 / height, across, 1.15 / height), sharex=scan)
@@ -101,16 +110,10 @@ def save_activations(
 
 
 def _view(activations: Activations) -> View:
-    """A square that holds the robot and the ends of all beams."""
-    snapshot, beams = activations.snapshot, np.arange(activations.scans.shape[1])
-    angle = snapshot.pose_true[2] + np.radians(activations.angles(beams.astype(np.float64)))
-    unit = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ends = snapshot.pose_true[:2] + activations.scans[-1][:, None] * unit
-    points = np.vstack([snapshot.pose_true[:2], ends])
-    low, high = points.min(axis=0), points.max(axis=0)
-    half = float((high - low).max()) / 2 + _AROUND
-    x, y = ((low + high) / 2).tolist()
-    return x - half, x + half, y - half, y + half
+    """A square around the robot that holds nine of ten beams: false ones reach through walls."""
+    reach = float(np.percentile(activations.scans[-1], 90)) + _AROUND
+    snapshot = activations.snapshot
+    return close_view(snapshot, min(max(2 * reach, CLOSE_UP), *snapshot.size))
 
 
 def _draw_scan(activations: Activations, axes: Axes) -> None:
@@ -122,6 +125,7 @@ def _draw_scan(activations: Activations, axes: Axes) -> None:
     # Left is left: angles count counter-clockwise.
     axes.set_xlim(angles[-1], angles[0])
     axes.set_ylim(0.0, 1.04 * activations.snapshot.range_max)
+    axes.set_yticks(np.linspace(0.0, activations.snapshot.range_max, 5))
     axes.set_ylabel("range (m)", size=9, color=INK)
     words = f"scan, {len(angles)} beams"
     _dress(axes, f"{words}; paler: the {len(older)} before it" if older else words)

@@ -124,7 +124,8 @@ def draw_path(drive: Drive, axes: Axes, colour: str, size: float = 62.0) -> None
     axes.plot(
         *drive.pose_true[:, :2].T,
         color=colour,
-        linewidth=1.9,
+        linewidth=2.4,
+        alpha=0.6,  # the dashes of the same colour must show on it
         solid_capstyle="round",
         solid_joinstyle="round",
         zorder=5,
@@ -132,9 +133,8 @@ def draw_path(drive: Drive, axes: Axes, colour: str, size: float = 62.0) -> None
     axes.plot(
         *drive.pose_estimated[:, :2].T,
         color=colour,
-        linewidth=1.2,
+        linewidth=1.3,
         linestyle=DASHES,
-        alpha=0.85,
         zorder=6,
     )
     x, y = (float(v) for v in drive.pose_true[-1, :2])
@@ -223,8 +223,8 @@ def _legend(outcomes: set[str]) -> list[Any]:
         return Line2D([], [], linestyle="", marker=marker, label=label, **style)
 
     return [
-        Line2D([], [], color=INK, linewidth=1.9, label="true path"),
-        Line2D([], [], color=INK, linewidth=1.2, linestyle=DASHES, label="believed"),
+        Line2D([], [], color=INK, linewidth=2.4, alpha=0.6, label="true path"),
+        Line2D([], [], color=INK, linewidth=1.3, linestyle=DASHES, label="believed"),
         Line2D([], [], color=PERSON[""], linewidth=0.9, marker="o", markersize=3, label="people"),
         mark("start", "o", markerfacecolor=PAPER, markeredgecolor=INK, markersize=5.5),
         mark("goal", "*", color=GOAL, markersize=9),
