@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 figures = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     help="Draw trajectories, a network's first layer, or the worst episodes of a result.",
 )
 

@@ -8,23 +8,18 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 
-from lndrl.config import RunConfig
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.policy import build_policy, first_layer, to_bytes
 
-SMALL = {"features": 8, "goal_features": 4}
-ENCODERS = {
-    "lndrl": {"network": SMALL},
-    "fan": {
-        "network": SMALL | {"scan_encoder": "fan", "pedestrian_map": False},
-        "task": {"scan_frames": 3},
-    },
-}
+SMALL = ["network.features=8", "network.goal_features=4"]
+FAN = ["network.scan_encoder=fan", "network.pedestrian_map=false", "task.scan_frames=3"]
+ENCODERS = {"lndrl": SMALL, "fan": [*SMALL, *FAN]}
 
 
 def config_of(encoder: str) -> RunConfig:
-    return RunConfig.model_validate(ENCODERS[encoder])
+    return load_config(REPOSITORY_CONFIGS / "lndrl.yaml", ENCODERS[encoder])
 
 
 @pytest.mark.parametrize("encoder", ENCODERS)
