@@ -132,10 +132,10 @@ def worst(
     _check(0, out)
     if not 1 <= count <= _MOST:
         raise UserError(f"--count {count}: must be 1 to {_MOST}")
-    from lndrl.evaluation.benchmark import ResultsFolder, choose, tested_contender, worst_episodes
+    from lndrl.evaluation.benchmark import ResultsFolder, choose, contender_tested, worst_episodes
 
     folder = ResultsFolder(RESULTS / name)
-    contender, identity = tested_contender(folder, method)
+    contender, identity = contender_tested(folder, method)
     wanted = None if scenario is None else _names(",".join(scenario))
     places = choose(list(identity.scenarios), wanted, "scenario")
     rows = worst_episodes(folder, contender.name, places, count)

@@ -29,7 +29,7 @@ from lndrl.view.world import (
 
 _SHADES = "viridis"
 _SIZE = (12.6, 6.4)  # inches
-_SCENE = 0.385  # of the width
+_SCENE, _LEFT = 0.385, 0.3  # of the width; inches
 _AROUND = 1.0  # m beyond what is seen
 
 
@@ -58,13 +58,13 @@ def activations_figure(activations: Activations, title: str = "") -> Figure:
     FigureCanvasAgg(figure)
     width, height = _SIZE
     side = _SCENE * width
-    scene = figure.add_axes((0.15 / width, 1.1 / height, _SCENE, side / height))
+    scene = figure.add_axes((_LEFT / width, 1.1 / height, _SCENE, side / height))
     mean = activations.values.mean(axis=0)
     norm = Normalize(0.0, max(float(mean.max()), 1e-9))
     draw_scene(activations, scene, norm)
     scene.set_title(title, loc="left", size=10.5, color=INK, pad=7)
-    _colour_bar(figure, norm, (0.15 / width, 0.72 / height, _SCENE, 0.11 / height))
-    left, across = _SCENE + 0.95 / width, 0.985 - _SCENE - 0.95 / width - 0.7 / width
+    _colour_bar(figure, norm, (_LEFT / width, 0.72 / height, _SCENE, 0.11 / height))
+    left, across = _SCENE + 1.1 / width, 0.985 - _SCENE - 1.8 / width
     scan = figure.add_axes((left, 4.35 / height, across, 1.6 / height))
     line = figure.add_axes((left, 2.85 / height, across, 1.15 / height), sharex=scan)
     image = figure.add_axes((left, 0.62 / height, across, 1.9 / height), sharex=scan)

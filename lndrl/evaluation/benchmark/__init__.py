@@ -25,8 +25,8 @@ from lndrl.evaluation.benchmark.worst import (
     Recorded,
     badness,
     check_scenario,
+    contender_tested,
     difference,
-    tested_contender,
     worst_episodes,
 )
 
@@ -59,6 +59,6 @@ __all__ = [
     "mcnemar",
     "rows_of",
     "summary_of",
-    "tested_contender",
+    "contender_tested",
     "worst_episodes",
 ]

@@ -61,7 +61,7 @@ def worst_episodes(
     return sorted(rows, key=lambda row: badness(row.record))[:count]
 
 
-def tested_contender(folder: ResultsFolder, name: str) -> tuple[Contender, Identity]:
+def contender_tested(folder: ResultsFolder, name: str) -> tuple[Contender, Identity]:
     """Who drove the results of method ``name`` (or of the run folder or file of that name).
 
     Raises UserError for a method that was not tested, and where its weights are gone or others.

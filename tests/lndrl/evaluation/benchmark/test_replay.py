@@ -21,10 +21,10 @@ from lndrl.evaluation.benchmark import (
     ResultsFolder,
     check_scenario,
     contender_named,
+    contender_tested,
     contenders_named,
     difference,
     load_benchmark,
-    tested_contender,
     worst_episodes,
 )
 from lndrl.evaluation.benchmark.moments import moment_of
@@ -114,7 +114,7 @@ def test_driven_again_is_what_was_recorded(result: ResultsFolder, drive: Drive) 
 
 
 def test_drives_come_in_the_order_they_were_asked_for(result: ResultsFolder) -> None:
-    contender, identity = tested_contender(result, "random")
+    contender, identity = contender_tested(result, "random")
     seen: list[int] = []
     drives = Replay(contender, HERE, identity.seed).drive([4, 1], lambda d: seen.append(d.episode))
     assert [d.episode for d in drives] == seen == [4, 1]
@@ -200,14 +200,14 @@ def test_a_result_of_other_weights_or_another_place_is_not_drawn(
 
     write(methods={"mine": {"planner": "fresh", "identity": "0"}})
     with pytest.raises(UserError, match="method mine has changed"):
-        tested_contender(other, "mine")
+        contender_tested(other, "mine")
     with pytest.raises(UserError, match="method mine has changed"):
-        tested_contender(other, "fresh")  # by its folder
+        contender_tested(other, "fresh")  # by its folder
     write(scenarios={HERE: "0"})
-    contender, identity = tested_contender(other, "random")
+    contender, identity = contender_tested(other, "random")
     with pytest.raises(UserError, match=r"scenario room\.yaml has changed"):
         check_scenario(other, identity, contender, HERE)
-    check_scenario(result, tested_contender(result, "random")[1], contender, HERE)
+    check_scenario(result, contender_tested(result, "random")[1], contender, HERE)
 
 
 # -- the worst ------------------------------------------------------------------------------
