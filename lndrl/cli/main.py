@@ -29,6 +29,7 @@ SUMMARIES = {
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "benchmark": "Fill and show the paper's table: methods x scenarios x episodes.",
     "calibrate": "Hold variants of the bench against the paper's DWA row.",
+    "figures": "Draw trajectories, a network's first layer, or the worst episodes of a result.",
     "localization": "Measure the filter on recorded drives: errors, lost rate, recovery.",
     "play": "Draw an episode of a policy as a picture or an animation.",
     "scenarios": "List the places to train and test in, and draw them.",
@@ -47,11 +48,14 @@ _LISTS = ("--host", "--renew")
 
 
 def load_command(name: str) -> Any:
-    """The typer command ``name``, from the function of that name in ``lndrl.cli.NAME``."""
-    function = getattr(import_module(f"lndrl.cli.{name}"), name)
-    app = typer.Typer(add_completion=False)
-    app.command(name)(function)
-    command = get_command(app)
+    """The typer command ``name``, from the function or group of that name in ``lndrl.cli.NAME``."""
+    found = getattr(import_module(f"lndrl.cli.{name}"), name)
+    if isinstance(found, typer.Typer):
+        command = get_command(found)
+    else:
+        app = typer.Typer(add_completion=False)
+        app.command(name)(found)
+        command = get_command(app)
     command.name = name
     return command
 

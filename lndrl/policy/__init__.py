@@ -1,5 +1,6 @@
 """The paper's networks, their sparse evaluation, weights in and out, and acting."""
 
+from lndrl.policy.activations import FirstLayer, first_layer
 from lndrl.policy.compact import CompactObservation
 from lndrl.policy.device import resolve_device
 from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
@@ -19,12 +20,14 @@ __all__ = [
     "EAGER_RUNS",
     "POLICY_FILE",
     "CompactObservation",
+    "FirstLayer",
     "Inputs",
     "NavigationNetwork",
     "PolicyRunner",
     "Record",
     "build_policy",
     "build_value",
+    "first_layer",
     "initial_weights",
     "load_into",
     "load_policy",

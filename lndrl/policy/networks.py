@@ -160,8 +160,12 @@ class ScanEncoder(nn.Module):
             strides = one.stride[0], two.stride[0]
             x = scan_convolutions(scan, one.weight, one.bias, two.weight, two.bias, strides)
         else:
-            x = F.relu(two(F.relu(one(scan.unsqueeze(1))))).flatten(1)
+            x = F.relu(two(self.first(scan))).flatten(1)
         return F.relu(self.linear(x))
+
+    def first(self, scan: Tensor) -> Tensor:
+        """The first convolution after its ReLU, (N, 32, positions)."""
+        return F.relu(self.conv1(scan.unsqueeze(1)))
 
 
 class FanScanEncoder(nn.Module):
@@ -176,9 +180,12 @@ class FanScanEncoder(nn.Module):
         self.linear = nn.Linear(32 * width, FAN_SCAN_FEATURES)
 
     def forward(self, scan: Tensor) -> Tensor:
-        x = scan.unflatten(1, (self.frames, -1)) - 0.5
-        x = F.relu(self.conv2(F.relu(self.conv1(x))))
+        x = F.relu(self.conv2(self.first(scan)))
         return F.relu(self.linear(x.flatten(1)))
+
+    def first(self, scan: Tensor) -> Tensor:
+        """The first convolution after its ReLU, (N, 32, positions)."""
+        return F.relu(self.conv1(scan.unflatten(1, (self.frames, -1)) - 0.5))
 
 
 class NavigationNetwork(nn.Module):

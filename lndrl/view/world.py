@@ -65,7 +65,7 @@ def draw_world(
     left, right, bottom, top = view or (0.0, width, 0.0, height)
     draw_floor(snapshot, axes)
     draw_laser(snapshot, axes)
-    _draw_goal(snapshot, axes)
+    draw_goal(snapshot, axes)
     _draw_paths(snapshot, axes)
     draw_people(snapshot, axes)
     # From afar ticks would only make the cloud look larger than it is.
@@ -133,7 +133,8 @@ def draw_laser(snapshot: WorldSnapshot, axes: Axes) -> None:
     axes.scatter(echo[:, 0], echo[:, 1], s=2.2, color=ECHO, linewidths=0, zorder=4)
 
 
-def _draw_goal(snapshot: WorldSnapshot, axes: Axes) -> None:
+def draw_goal(snapshot: WorldSnapshot, axes: Axes) -> None:
+    """Draw the goal and the disc in which it counts as reached."""
     centre = (float(snapshot.goal[0]), float(snapshot.goal[1]))
     radius = snapshot.arrive_distance
     axes.add_patch(Circle(centre, radius, facecolor=GOAL, alpha=0.18, linewidth=0, zorder=2))

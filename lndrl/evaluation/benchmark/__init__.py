@@ -11,6 +11,12 @@ from lndrl.evaluation.benchmark.calibration import (
 )
 from lndrl.evaluation.benchmark.figures import Paired, Row, mcnemar, rows_of, summary_of
 from lndrl.evaluation.benchmark.paper import PAPER
+from lndrl.evaluation.benchmark.replay import (
+    Drive,
+    Replay,
+    contender_named,
+    contenders_named,
+)
 from lndrl.evaluation.benchmark.run import Cell, Plan
 from lndrl.evaluation.benchmark.spec import (
     BENCHMARK,
@@ -25,6 +31,14 @@ from lndrl.evaluation.benchmark.spec import (
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.table import benchmark_table
+from lndrl.evaluation.benchmark.worst import (
+    Recorded,
+    badness,
+    check_scenario,
+    contender_tested,
+    difference,
+    worst_episodes,
+)
 
 __all__ = [
     "BENCHMARK",
@@ -37,22 +51,32 @@ __all__ = [
     "CalibrationSpec",
     "Cell",
     "Contender",
+    "Drive",
     "Identity",
     "Paired",
     "Plan",
+    "Recorded",
+    "Replay",
     "ResultsFolder",
     "Row",
+    "badness",
     "bench_config",
     "bench_hash",
     "benchmark_table",
     "calibration_table",
     "check_frozen",
+    "check_scenario",
     "choose",
+    "contender_named",
     "contenders",
+    "contenders_named",
+    "difference",
     "load_benchmark",
     "load_calibration",
     "mcnemar",
     "rows_of",
     "summary_of",
     "targets",
+    "contender_tested",
+    "worst_episodes",
 ]

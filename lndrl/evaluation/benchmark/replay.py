@@ -1,0 +1,197 @@
+"""Driving episodes of the bench again, with everything that a picture of them needs.
+
+A policy's episodes are driven in the whole block that ``lndrl benchmark`` drives them in: what it
+does depends, by rounding, on which episodes share its batch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.errors import UserError
+from lndrl.evaluation.benchmark.spec import BenchmarkSpec, Contender, bench_config, contenders
+from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.runner import BLOCK
+from lndrl.navigation import EpisodeRecord, Navigation, WorldSnapshot
+from lndrl.navigation.reward import angle_error, position_error
+from lndrl.planners import planner_source
+from lndrl.planners.factory import RULES
+from lndrl.world.contacts import Hit
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One episode over time: the start and the end of each of its T control steps.
+
+    Map frame, metres, radians, seconds. ``hit`` is what the robot touched at the end.
+    """
+
+    method: str
+    scenario: str
+    record: EpisodeRecord
+    hit: Hit
+    time: Floats  # (T + 1,)
+    pose_true: Floats  # (T + 1, 3)
+    pose_estimated: Floats  # (T + 1, 3)
+    position_error: Floats  # (T + 1,) m
+    angle_error: Floats  # (T + 1,) rad
+    people: Floats  # (T + 1, P, 2)
+    end: WorldSnapshot
+    lost_distance: float
+    lost_angle: float
+
+    @property
+    def episode(self) -> int:
+        """The number that the bench gives the episode."""
+        return self.record.world - TEST_WORLD
+
+    @property
+    def reason(self) -> str:
+        """Why and when the episode ended, in words."""
+        after = f"after {self.record.time:.1f} s"
+        if self.record.outcome == "collided":
+            what = "a person" if self.hit == "pedestrian" else "a wall"
+            return f"collided with {what} {after}"
+        if self.record.outcome == "lost":
+            # Either limit ends an episode; the position says more where both are passed.
+            if self.position_error[-1] > self.lost_distance:
+                return f"lost: {self.position_error[-1]:.1f} m off {after}"
+            return f"lost: {math.degrees(self.angle_error[-1]):.0f}° off {after}"
+        if self.record.outcome == "timeout":
+            away = float(np.hypot(*(self.end.goal - self.pose_true[-1, :2])))
+            return f"out of time {away:.1f} m from the goal"
+        return f"arrived {after}, {self.record.position_error:.2f} m off on average"
+
+
+class Replay:
+    """One method in one scenario of the bench under ``seed``, built once for any episodes.
+
+    Raises UserError for an impossible scenario and for weights that do not fit.
+    """
+
+    def __init__(self, contender: Contender, scenario: str, seed: int) -> None:
+        self.contender = contender
+        self.config = bench_config(contender, scenario, seed)
+        if contender.source.weights is not None:
+            import torch
+
+            # As in the bench: sums rounded alike need as many threads.
+            torch.set_num_threads(1)
+        self._runner = EpisodeRunner(contender.source, self.config, contender.greedy)
+
+    def drive(
+        self,
+        episodes: Sequence[int],
+        progress: Callable[[Drive], None] | None = None,
+        watch: Callable[[Navigation], None] | None = None,
+    ) -> list[Drive]:
+        """Drive ``episodes``; in their order, ``progress`` gets each as it ends.
+
+        ``watch`` is called for each of them at its start and after each of its control steps.
+        """
+        found: dict[int, Drive] = {}
+        for block in self._blocks(episodes):
+            cameras = {k: _Camera() for k in block if k in episodes}
+
+            def see(world: Navigation, cameras: dict[int, _Camera] = cameras) -> None:
+                camera = cameras.get(world.world_id - TEST_WORLD)
+                if camera is not None:
+                    camera(world)
+                    if watch is not None:
+                        watch(world)
+
+            left = set(cameras)
+            for record in self._runner(block, see):
+                k = record.world - TEST_WORLD
+                if k not in left:
+                    continue
+                left.remove(k)
+                found[k] = self._finished(cameras[k], record)
+                if progress is not None:
+                    progress(found[k])
+                if not left:
+                    break  # nothing is left in the block that anybody asked for
+        return [found[k] for k in episodes]
+
+    def _blocks(self, episodes: Sequence[int]) -> list[Sequence[int]]:
+        if self.contender.source.weights is None:
+            return [[k] for k in episodes]  # a rule does the same whatever runs beside it
+        firsts = dict.fromkeys(k - k % BLOCK for k in episodes)
+        return [range(first, first + BLOCK) for first in firsts]
+
+    def _finished(self, camera: _Camera, record: EpisodeRecord) -> Drive:
+        assert camera.end is not None
+        task = self.config.task
+        return Drive(
+            method=self.contender.name,
+            scenario=self.config.scenario.name,
+            record=record,
+            hit=camera.hit,
+            time=np.array(camera.time),
+            pose_true=np.array(camera.pose_true),
+            pose_estimated=np.array(camera.pose_estimated),
+            position_error=np.array(camera.position_error),
+            angle_error=np.array(camera.angle_error),
+            people=np.array(camera.people),
+            end=camera.end,
+            lost_distance=task.lost_distance,
+            lost_angle=task.lost_angle,
+        )
+
+
+class _Camera:
+    """Keeps what a Drive has of one world."""
+
+    def __init__(self) -> None:
+        self.time: list[float] = []
+        self.pose_true: list[Floats] = []
+        self.pose_estimated: list[Floats] = []
+        self.position_error: list[float] = []
+        self.angle_error: list[float] = []
+        self.people: list[Floats] = []
+        self.hit: Hit = ""
+        self.end: WorldSnapshot | None = None
+
+    def __call__(self, world: Navigation) -> None:
+        true, estimated = world.world.pose_true, world.localization.pose_estimated
+        self.time.append(world.world.time)
+        self.pose_true.append(true.copy())
+        self.pose_estimated.append(estimated.copy())
+        self.position_error.append(float(position_error(true, estimated)))
+        self.angle_error.append(float(angle_error(true, estimated)))
+        self.people.append(world.world.pedestrian_position.copy())
+        if world.outcome:
+            self.hit = world.world.collided_with
+            self.end = world.snapshot()
+
+
+def contender_named(spec: BenchmarkSpec, name: str, greedy: bool = False) -> Contender:
+    """A method of the bench, a rule, or what is in a run folder or weights file.
+
+    The last is called like its folder. Raises UserError for an unknown name, with near ones, and
+    where there are no weights.
+    """
+    if name not in spec.methods and (name in RULES or Path(name).exists()):
+        path = Path(name).resolve()
+        label = name if name in RULES else path.name if path.is_dir() else path.parent.name
+        return Contender(label, planner_source(name), "amcl", greedy)
+    (found,), _ = contenders(spec, [name], greedy=greedy)
+    return found
+
+
+def contenders_named(spec: BenchmarkSpec, names: Sequence[str]) -> list[Contender]:
+    """``contender_named`` for several, who must be told apart by name; raises UserError."""
+    found = [contender_named(spec, name) for name in dict.fromkeys(names)]
+    labels = [contender.name for contender in found]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise UserError(f"two methods are called {label}; name folders that differ")
+    return found
