@@ -172,7 +172,7 @@ def run_floods(endpoint: str, seed: int, count: int, rate: float, stop: Event, t
         tell(_together(senders, floods))
         with ThreadPoolExecutor(SESSIONS) as pool:
             for calm, wild in durations(seed):
-                if stop.wait(calm) or all(sender.done for sender in senders):
+                if stop.wait(calm):
                     return
                 before = sum(sender.sent.count for sender in senders)
                 began = time.monotonic()
@@ -180,6 +180,8 @@ def run_floods(endpoint: str, seed: int, count: int, rate: float, stop: Event, t
                 messages = sum(sender.sent.count for sender in senders) - before
                 floods.append(Flood(began, max(ends), messages))
                 tell(_together(senders, floods))
+                if all(sender.done for sender in senders):
+                    return
     finally:
         for sender in senders:
             sender.close()
