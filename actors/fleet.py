@@ -63,7 +63,8 @@ class Fleet:
     """N supervised actor processes against the learner at ``endpoint``.
 
     ``worlds`` None leaves the number of worlds per process to the learner's configuration.
-    ``log`` gets one line per event, the file ``ledger`` one per upload. Nothing here blocks except
+    ``log`` gets one line per event, the file ``ledger`` one per upload. ``lease``: s of silence
+    after which the learner gives an actor up. Nothing here blocks except
     ``stop`` (at most 3 s). ``grow`` and ``shrink`` change N while the fleet runs; call all from one
     thread.
     ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
@@ -79,6 +80,7 @@ class Fleet:
         security: Security | None = None,
         namespace: str = "",
         ledger: Path | None = None,
+        lease: float | None = None,
     ) -> None:
         if count < 1:
             raise ValueError(f"a fleet needs at least 1 actor, not {count}")
@@ -86,7 +88,7 @@ class Fleet:
         self.restarts = 0
         self.error = ""
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
-        self._namespace = namespace
+        self._namespace, self._lease = namespace, lease
         # Plain, because a worker may import nothing before it has limited its threads.
         self._security = None if security is None else dict(vars(security))
         self._name = name
@@ -199,6 +201,7 @@ class Fleet:
             namespace=self._namespace,
             security=self._security,
             ledger=self._ledger,
+            lease=self._lease,
         )
         slot.channel, theirs = context.Pipe(duplex=False)
         slot.process = context.Process(

@@ -41,7 +41,8 @@ class WorkerOptions:
     unreachable learner something to wait for rather than an error. ``parent`` is the process
     without which the worker ends. ``security`` holds the fields of a ``transport.Security``; it
     comes through a pipe, because command lines and environments can be read by others. ``ledger``:
-    file that notes every upload.
+    file that notes every upload. ``lease``: s of silence after which the learner gives this actor
+    up; None as usual.
     """
 
     endpoint: str
@@ -54,6 +55,7 @@ class WorkerOptions:
     namespace: str = ""
     security: dict[str, Any] | None = field(default=None, repr=False)
     ledger: str | None = None
+    lease: float | None = None
 
 
 class Report:
@@ -106,6 +108,8 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
         from lndrl.transport import Security, open_actor
 
         transport = TransportConfig(endpoint=options.endpoint, namespace=options.namespace)
+        if options.lease is not None:
+            transport = transport.model_copy(update={"lease": options.lease})
         security = None if options.security is None else Security(**options.security)
         endpoint = open_actor(options.endpoint, transport, security)
         try:

@@ -30,6 +30,7 @@ BENCHMARKS = {
     "learner": "forward and backward of both nets",
     "transport": "acknowledged uploads over zenoh, actor in another process",
     "train": "whole training, learner and actors",
+    "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }
 """Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""
 COMPARED = ("laser", "crowd", "amcl", "world")

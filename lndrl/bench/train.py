@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import tempfile
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
 from lndrl.bench import world
-from lndrl.config import REPOSITORY_CONFIGS
-from lndrl.errors import UserError
-from lndrl.evaluation.sweep.processes import free_port, this_program
+from lndrl.bench.training import WARM_UPDATES, Rows, Training, span
 from lndrl.transport.status import overhead, shares_of
-from lndrl.view.metrics import read_metrics
 
-_STARTUP = 300.0  # s within which the first update must come
-_WARM_UPDATES = 2  # updates that are not counted: compilation, first episodes
 _LEAST_UPDATES = 4
-_EPOCHS = 4  # whatever lndrl.yaml finds best, the figure stays comparable
 
 
 def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
@@ -75,25 +65,29 @@ def profile_table(profile: Mapping[str, Mapping[str, float]]) -> Table:
     return table
 
 
-def _run(seconds: float, device: str) -> tuple[list[dict[str, Any]], float]:
+def _run(seconds: float, device: str) -> tuple[Rows, float]:
     """Rows of the timed updates and the one before them; the largest memory of an actor in MB."""
-    with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as folder:
-        process = _start(Path(folder), device)
-        try:
-            megabytes = _watch(process, Path(folder) / "runs/bench/metrics.jsonl", 12.0 * seconds)
-        finally:
-            process.send_signal(signal.SIGINT)
-            process.wait(timeout=60.0)
-        rows = _rows(Path(folder) / "runs/bench/metrics.jsonl")[_WARM_UPDATES - 1 :]
-    return rows, megabytes
+    megabytes = 0.0
+
+    def done(rows: Rows) -> bool:
+        nonlocal megabytes
+        megabytes = max(megabytes, training.largest_actor())
+        if len(rows) < WARM_UPDATES + _LEAST_UPDATES:
+            return False
+        return span(rows[WARM_UPDATES - 1 :]) >= 12.0 * seconds
+
+    with (
+        tempfile.TemporaryDirectory(prefix="lndrl-bench-") as folder,
+        Training("bench train", Path(folder), "tcp", ["--device", device]) as training,
+    ):
+        rows = training.wait(done)
+    return rows[WARM_UPDATES - 1 :], megabytes
 
 
-def _figures(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    first, last = rows[0], rows[-1]
+def _figures(rows: Rows) -> dict[str, Any]:
     profile = _profile(rows)
     return {
-        "steps_per_second": (last["steps"] - first["steps"])
-        / (last["time"]["unix"] - first["time"]["unix"]),
+        "steps_per_second": (rows[-1]["steps"] - rows[0]["steps"]) / span(rows),
         "learner_busy": 1.0 - shares_of(profile["learner"]).get("wait", 0.0),
         "overhead_actor": overhead(profile["actor"]),
         "overhead_learner": overhead(profile["learner"]),
@@ -103,7 +97,7 @@ def _figures(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _profile(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
+def _profile(rows: Rows) -> dict[str, dict[str, float]]:
     """Microseconds by activity between the first and the last row, per step and per sample."""
     before, after = rows[0]["time"]["spent"], rows[-1]["time"]["spent"]
 
@@ -117,54 +111,3 @@ def _profile(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
         "actor": per("actors", after["actor_steps"] - before["actor_steps"]),
         "learner": per("learner", rows[-1]["steps"] - rows[0]["steps"]),
     }
-
-
-def _start(folder: Path, device: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "lndrl", "train", str(REPOSITORY_CONFIGS / "lndrl.yaml")]
-    command += ["--run", "bench", "--no-dashboard", "--listen", f"tcp/127.0.0.1:{free_port()}"]
-    command += ["--set", f"ppo.epochs={_EPOCHS}", "--device", device]
-    with (folder / "log").open("wb") as log:
-        return subprocess.Popen(command, cwd=folder, env=this_program(), stdout=log, stderr=log)
-
-
-def _watch(process: subprocess.Popen[bytes], metrics: Path, seconds: float) -> float:
-    """Wait for enough updates; returns the largest memory of an actor in MB."""
-    began = time.monotonic()
-    megabytes = 0.0
-    while True:
-        time.sleep(0.5)
-        megabytes = max([megabytes, *(_resident(pid) for pid in _children(process.pid))])
-        rows = _rows(metrics)
-        if process.poll() is not None:
-            raise UserError("bench train: the run ended early; try lndrl train by itself")
-        if len(rows) < _WARM_UPDATES and time.monotonic() - began > _STARTUP:
-            raise UserError(f"bench train: no update within {_STARTUP:.0f} s on this machine")
-        if len(rows) >= _WARM_UPDATES + _LEAST_UPDATES:
-            timed = rows[-1]["time"]["unix"] - rows[_WARM_UPDATES - 1]["time"]["unix"]
-            if timed >= seconds:
-                return megabytes
-
-
-def _rows(metrics: Path) -> list[dict[str, Any]]:
-    try:
-        return read_metrics(metrics)
-    except UserError:  # not yet written
-        return []
-
-
-def _children(pid: int) -> list[int]:
-    try:
-        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
-    except OSError:
-        return []
-    return [int(child) for child in text.split()]
-
-
-def _resident(pid: int) -> float:
-    try:
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
-            if line.startswith("VmRSS:"):
-                return float(line.split()[1]) / 1024.0
-    except OSError:
-        return 0.0
-    return 0.0

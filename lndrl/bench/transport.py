@@ -6,7 +6,9 @@ import multiprocessing
 import os
 import socket
 import statistics
+import tempfile
 import threading
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -14,17 +16,20 @@ from numpy.typing import NDArray
 
 from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import hybrid_config
+from lndrl.chaos.monitor import cpu_seconds
 from lndrl.errors import UserError
 from lndrl.transport import (
     Ack,
     ChunkHeader,
     Hello,
     Refusal,
+    Security,
     Welcome,
     free_endpoint,
     open_actor,
     open_learner,
 )
+from lndrl.transport.certificates import create
 
 _WARM_UP_CHUNKS = 5
 _PATIENCE = 120.0
@@ -37,6 +42,8 @@ class _Receiver:
     def __init__(self, config: dict[str, Any], needed_seconds: float) -> None:
         self.arrivals: list[tuple[float, int]] = []
         self.full = threading.Event()
+        self.pids = [os.getpid()]
+        self.spent: list[tuple[float, int]] = []  # CPU s of both sides and chunks, twice
         self._welcome = Welcome(run_id="bench", config=config, actor_index=0)
         self._needed = needed_seconds
 
@@ -45,9 +52,12 @@ class _Receiver:
 
     def on_chunk(self, header: ChunkHeader, arrays: dict[str, NDArray[Any]], size: int) -> Ack:
         self.arrivals.append((perf_counter(), size))
-        if len(self.arrivals) > _WARM_UP_CHUNKS:
+        if len(self.arrivals) == _WARM_UP_CHUNKS:
+            self._look_at_cpu()
+        elif len(self.arrivals) > _WARM_UP_CHUNKS and not self.full.is_set():
             started = self.arrivals[_WARM_UP_CHUNKS - 1][0]
             if self.arrivals[-1][0] - started >= self._needed:
+                self._look_at_cpu()
                 self.full.set()
         return Ack("accepted")
 
@@ -57,25 +67,48 @@ class _Receiver:
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         return
 
+    def cpu_per_megabyte(self) -> float:
+        """CPU ms of both processes per 10^6 bytes, over the timed chunks."""
+        (before, first), (after, last) = self.spent
+        return 1e9 * (after - before) / sum(size for _, size in self.arrivals[first:last])
+
+    def _look_at_cpu(self) -> None:
+        spent = sum(cpu_seconds(pid) or 0.0 for pid in self.pids)
+        self.spent.append((spent, len(self.arrivals)))
+
 
 def measure(seconds: float) -> dict[str, Any]:
     """``chunks_per_second`` and ``megabytes_per_second`` (10^6 bytes) from one actor process.
 
     A chunk is what an actor sends under ``configs/lndrl.yaml``: horizon x worlds steps of the
     hybrid scenario, packed, sent, unpacked and acknowledged. Medians over equal parts of the
-    time. Raises UserError when the actor's process dies or stays silent.
+    time. ``cpu_milliseconds_per_megabyte`` is of both processes together. ``tls``: the same over
+    mutual TLS. Raises UserError when the actor's process dies or stays silent.
     """
+    plain = _measure(seconds, None)
+    with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as folder:
+        create(Path(folder), [])
+        return plain | {"tls": _measure(seconds, Path(folder))}
+
+
+def _measure(seconds: float, certificates: Path | None) -> dict[str, Any]:
+    """The figures over plain TCP, or over TLS with the certificates in a folder."""
     config = hybrid_config()
-    endpoint = free_endpoint()
+    endpoint, security = free_endpoint(), None
+    if certificates is not None:
+        endpoint = endpoint.replace("tcp/", "tls/")
+        security = Security("learner", certificates)
     transport = config.transport.model_copy(update={"endpoint": endpoint})
     receiver = _Receiver(config.model_dump(mode="json"), seconds)
-    learner = open_learner(transport, "bench")
+    learner = open_learner(transport, "bench", security)
     process = multiprocessing.get_context("spawn").Process(
-        target=_act, args=(endpoint,), daemon=True
+        target=_act, args=(endpoint, certificates), daemon=True
     )
     try:
         learner.start(receiver)
         process.start()
+        assert process.pid is not None
+        receiver.pids.append(process.pid)
         deadline = perf_counter() + _PATIENCE + seconds
         while not receiver.full.wait(0.1):
             if not process.is_alive() or perf_counter() > deadline:
@@ -85,7 +118,8 @@ def measure(seconds: float) -> dict[str, Any]:
     finally:
         process.kill()
         learner.close()
-    return _figures(receiver.arrivals, config.actor.horizon * config.worlds_per_actor())
+    figures = _figures(receiver.arrivals, config.actor.horizon * config.worlds_per_actor())
+    return figures | {"cpu_milliseconds_per_megabyte": receiver.cpu_per_megabyte()}
 
 
 def _figures(arrivals: list[tuple[float, int]], steps_per_chunk: int) -> dict[str, Any]:
@@ -107,7 +141,7 @@ def _figures(arrivals: list[tuple[float, int]], steps_per_chunk: int) -> dict[st
     }
 
 
-def _act(endpoint: str) -> None:
+def _act(endpoint: str, certificates: Path | None) -> None:
     """The actor's process: plays one chunk, then sends it again and again until told to stop."""
     import torch
 
@@ -123,7 +157,8 @@ def _act(endpoint: str) -> None:
     trajectory = chunk.trajectory
     episodes = [episode.to_dict() for episode in chunk.episodes]
     steps, worlds = trajectory.action.shape
-    actor = open_actor(endpoint)
+    security = None if certificates is None else Security("actor", certificates)
+    actor = open_actor(endpoint, security=security)
     try:
         host = socket.gethostname()
         actor.hello(Hello("bench", "bench", host, os.getpid(), worlds, "bench"), _PATIENCE)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lndrl.chaos.bystanders import Bystanders
 from lndrl.chaos.monitor import Monitor
 from lndrl.chaos.schedule import GUARD, KINDS, LEARNER, Fault
 from lndrl.chaos.stage import LEAVE_WITHIN, Child, Stage, lives
@@ -47,6 +48,7 @@ class Findings:
     recoveries: list[float] = field(default_factory=list)
     frozen_shown: list[float] = field(default_factory=list)
     frozen_unseen: int = 0
+    others_while_frozen: list[float] = field(default_factory=list)  # rates over those before
     deaths: list[str] = field(default_factory=list)  # the learner's own, with its last words
     gave_up: list[str] = field(default_factory=list)  # actors that ended by themselves
     orphans: int = 0
@@ -66,6 +68,7 @@ class Injector:
         self._leaving: list[tuple[Child, float]] = []
         self._storms: list[Child] = []
         self._frozen: dict[str, int] = {}
+        self._bystanders = Bystanders(monitor)
         self._calm_from = 0.0
         self._side_wanted = False
         self._limits: tuple[int, int] | None = None
@@ -82,6 +85,8 @@ class Injector:
                 return False
             self._calm_from = time.monotonic() + fault.duration + GUARD
         struck = getattr(self, f"_{fault.kind}")(fault) is not False
+        if struck and fault.kind != "actor_freeze":
+            self._bystanders.disturbed(time.monotonic(), fault.duration + GUARD)
         (self.found.struck if struck else self.found.missed)[fault.kind] += 1
         return struck
 
@@ -106,6 +111,7 @@ class Injector:
             seen = self.monitor.updated_since(since)
             if seen is not None:
                 self.found.recoveries.append(seen - killed)
+                self._bystanders.disturbed(killed, seen - killed + GUARD)
                 self._recovering.remove((killed, since))
         self._look_for_frozen(now)
         self.found.orphans += sum(now > end and lives(pid) for pid, end in self._orphans)
@@ -155,9 +161,14 @@ class Injector:
         now = time.monotonic()
         if shown and now > self._calm_from:
             self._freezes.append(Freeze(pid, now, now + fault.duration))
+        others = [w for a in self.stage.actors for w in self.stage.workers(a) if w != pid]
+        self._bystanders.frozen(fault.target, others)
         return True
 
     def _end_actor_freeze(self, fault: Fault) -> None:
+        ratio = self._bystanders.thawed(fault.target)
+        if ratio is not None and not self._recovering:
+            self.found.others_while_frozen.append(ratio)
         _signal(self._frozen.pop(fault.target, 0), signal.SIGCONT)
 
     def _fleet_kill(self, fault: Fault) -> bool:

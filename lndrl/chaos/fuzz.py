@@ -2,72 +2,42 @@
 
 from __future__ import annotations
 
-import secrets
+import signal
 import statistics
 import time
-from collections import Counter, deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any
 
 from rich import box
 from rich.table import Table
 
 from lndrl.chaos.files import FileFindings, fuzz_files
-from lndrl.chaos.forged import forged_hello
+from lndrl.chaos.flood import Sent
 from lndrl.chaos.ledger import LearnerBook, lines_of
-from lndrl.chaos.messages import Forger, Malformed
-from lndrl.chaos.monitor import Monitor, resources
+from lndrl.chaos.monitor import Monitor, Tail, cpu_seconds, resources
 from lndrl.chaos.run import start
-from lndrl.chaos.stage import Stage, wait_for
-from lndrl.config import TransportConfig, parse_config
-from lndrl.errors import UserError
-from lndrl.transport import Ack, MessageError, Refusal, Welcome
-from lndrl.transport.keys import HELLO
-from lndrl.transport.messages import decode, encode
-from lndrl.transport.zenoh_session import (
-    UnreachableError,
-    ZenohSession,
-    first_answer,
-    open_connecting,
-)
+from lndrl.chaos.stage import LEAVE_WITHIN, Child, Stage
+from lndrl.chaos.turns import CALM, Cost, Mark, cost
 
-SESSIONS = 4
-OPEN_QUERIES = 16  # of a session, whose answers it has yet to read
-ANSWER_SECONDS = 5.0
-MOST_ANSWERS = 64  # to one query: a key with wildcards asks everything that the learner answers
 FILES_PER_MESSAGE = 0.01
 MOST_FILES = 1000
-CALM = (5.0, 30.0)
-"""s, least and most, over which the rate is taken before and after."""
-
-PATIENCE = 60.0
-
-
-@dataclass
-class Sent:
-    """What one session sent and heard."""
-
-    count: int = 0
-    answers: Counter[str] = field(default_factory=Counter)
-    kinds: Counter[str] = field(default_factory=Counter)
-    taken: list[str] = field(default_factory=list)  # hopeless ones that were taken nevertheless
+BEAT = 0.02  # s; as much as that an update may seem later than it was
 
 
 @dataclass(frozen=True)
 class FuzzReport:
-    """What ``sent`` malformed messages and files did. Rates are samples trained per second."""
+    """What malformed messages and files did."""
 
     seed: int
     messages: Sent
     files: FileFindings
     deaths: int
     tracebacks: int
-    rate_before: float
-    rate_while: float
-    rate_after: float
+    cost: Cost
     memory_growth: float | None
     lost: int
     duplicated: int
@@ -93,7 +63,8 @@ class FuzzReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for ``--json``."""
-        answers = self.messages.answers
+        answers, floods, cost = self.messages.answers, self.messages.floods, self.cost
+        rates = [flood.rate for flood in floods]
         return {
             "seed": self.seed,
             "sent": self.messages.count + self.files.given,
@@ -109,9 +80,14 @@ class FuzzReport:
             "file_crashes": self.files.crashes,
             "learner_deaths": self.deaths,
             "learner_tracebacks": self.tracebacks,
-            "rate_before": round(self.rate_before, 1),
-            "rate_while": round(self.rate_while, 1),
-            "rate_after": round(self.rate_after, 1),
+            "floods": len(floods),
+            "messages_per_second": statistics.median(rates) if rates else None,
+            "rate_calm": cost.calm,
+            "rate_flood": cost.flood,
+            "rate_ratio": cost.ratio,
+            "rate_ratio_least": cost.least,
+            "rate_ratio_most": cost.most,
+            "learner_ms_per_message": cost.ms_per_message,
             "memory_growth": self.memory_growth,
             "lost": self.lost,
             "duplicated": self.duplicated,
@@ -128,60 +104,42 @@ def run_fuzz(
     stop: Event | None = None,
     show: Callable[[str], None] = lambda line: None,
 ) -> FuzzReport:
-    """Send ``count`` malformed messages, ``rate`` per second, and damage files meanwhile.
+    """Send ``count`` malformed messages, ``rate`` per second of flood, then damage files.
 
-    ``stop`` ends it early. Raises TimeoutError when training does not begin.
+    ``stop`` ends it early. Raises TimeoutError when training does not begin, RuntimeError when
+    the sender ends at once.
     """
     stop = stop or Event()
     stage = Stage(folder.resolve(), 1, seed, rogue=False)
     monitor = Monitor(stage.learner_ledger(), stage.endpoint)
-    calm = min(max(CALM[0], count / rate / 4), CALM[1])
     try:
         show("starting")
         start(stage, monitor, stop)
-        before = _watch(monitor, stop, calm, lambda left: show(f"rate before: {left:.0f} s left"))
         memory = _memory(stage)
-        began = time.monotonic()
-        senders = [_Sender(stage.endpoint, seed * SESSIONS + i, stop) for i in range(SESSIONS)]
-        for i, sender in enumerate(senders):
-            sender.begin(count // SESSIONS + (i < count % SESSIONS), rate / SESSIONS)
-        files = int(min(count * FILES_PER_MESSAGE + 20, MOST_FILES))
-        found = fuzz_files(files, seed, folder / "files", stop.is_set)
-        while any(sender.alive() for sender in senders) and not stop.is_set():
-            monitor.look()
-            done = sum(sender.sent.count for sender in senders)
-            trained = f"{monitor.rate(time.monotonic() - 10.0, time.monotonic()):.0f} steps/s"
-            show(f"{done:,} of {count:,} messages sent, {trained}")
-            if not stage.learner.alive():
-                break
-            stop.wait(0.1)
-        monitor.look()
-        during = monitor.rate(began, time.monotonic())
-        seconds = time.monotonic() - began
-        after = _watch(monitor, stop, calm, lambda left: show(f"rate after: {left:.0f} s left"))
+        flood = _Watch(stage, monitor, stop, show)
+        flood.run(count, seed, rate)
         now = _memory(stage)
         died = not stage.learner.alive()
-        for sender in senders:
-            sender.close()
         stage.finish()
     finally:
         monitor.close()
         stage.close()
+    show("damaging files")
+    files = int(min(count * FILES_PER_MESSAGE + 20, MOST_FILES))
+    found = fuzz_files(files, seed, folder / "files", stop.is_set)
     book = LearnerBook().read(lines_of(stage.learner_ledger()))
     tracebacks = stage.learner.log().count("Traceback")
     return FuzzReport(
         seed=seed,
-        messages=_together([sender.sent for sender in senders]),
+        messages=flood.sent,
         files=found,
         deaths=int(died),
         tracebacks=tracebacks,
-        rate_before=before,
-        rate_while=during,
-        rate_after=after,
+        cost=flood.cost(),
         memory_growth=now / memory - 1.0 if now and memory else None,
         lost=sum(book.lost().values()),
         duplicated=book.duplicated,
-        seconds=seconds,
+        seconds=flood.end - flood.begin,
         last_words=stage.learner.tail() if died or tracebacks else "",
     )
 
@@ -200,121 +158,67 @@ def fuzz_tables(report: FuzzReport) -> list[Table]:
     return [table]
 
 
-class _Sender:
-    """One session that sends malformed messages in a thread of its own."""
+class _Watch:
+    """Lets the floods come, and marks the learner at every update meanwhile."""
 
-    def __init__(self, endpoint: str, seed: int, stop: Event) -> None:
+    def __init__(
+        self, stage: Stage, monitor: Monitor, stop: Event, show: Callable[[str], None]
+    ) -> None:
         self.sent = Sent()
-        self._endpoint, self._seed, self._stop = endpoint, seed, stop
-        self._session = self._open()
-        self._open_queries: deque[tuple[Malformed, Any]] = deque()
-        self._thread: Thread | None = None
+        self.begin = self.end = time.monotonic()
+        self._marks: list[Mark] = []
+        self._stage, self._monitor, self._stop, self._show = stage, monitor, stop, show
 
-    def begin(self, count: int, rate: float) -> None:
-        """Send ``count`` messages, ``rate`` per second."""
-        self._thread = Thread(target=self._run, args=(count, rate), daemon=True)
-        self._thread.start()
+    def run(self, count: int, seed: int, rate: float) -> None:
+        """From the first calm to the last; ends early when the learner does."""
+        command = ["lndrl.chaos.flood", "--connect", self._stage.endpoint, "--seed", str(seed)]
+        command += ["--count", str(count), "--rate", str(rate)]
+        sender = self._stage.add("flood", command)
+        heard = Tail(sender.log_path)
+        self._until(lambda: self._hear(heard.lines()), sender)
+        if sender.process is not None and sender.process.poll():
+            raise RuntimeError(f"nothing could be sent: {sender.tail(500)}")
+        self.begin = time.monotonic()
 
-    def alive(self) -> bool:
-        """Whether it still sends."""
-        return self._thread is not None and self._thread.is_alive()
+        def look() -> bool:
+            self._hear(heard.lines())
+            trained = f"{self._monitor.rate(time.monotonic() - 10.0, time.monotonic()):.0f} steps/s"
+            self._show(f"{self.sent.count:,} of {count:,} messages sent, {trained}")
+            return not sender.alive()
 
-    def close(self) -> None:
-        """Leave."""
-        self._session.close()
-        if self._thread is not None:
-            self._thread.join(ANSWER_SECONDS)
+        self._until(look, self._stage.learner)
+        if self._stop.is_set():
+            sender.send(signal.SIGINT)
+            sender.wait(LEAVE_WITHIN)
+        self._hear(heard.lines())
+        calm = time.monotonic() + CALM[1]
+        self._until(lambda: time.monotonic() > calm, self._stage.learner)
+        self.end = time.monotonic()
 
-    def _open(self) -> ZenohSession:
-        try:
-            return open_connecting(self._endpoint, TransportConfig(endpoint=self._endpoint), 10.0)
-        except UnreachableError:
-            raise UserError(f"no learner answers at {self._endpoint}") from None
+    def cost(self) -> Cost:
+        """What the floods cost the learner."""
+        return cost(self._marks, self.sent.floods, self.begin, self.end)
 
-    def _forger(self) -> Forger:
-        """One that knows the run, from an honest hello."""
-        hello = encode(forged_hello(f"fuzz-{self._seed}", secrets.token_hex(4)))
-        sample = wait_for("welcome", lambda: self._session.query(HELLO, hello, 5.0), PATIENCE)
-        assert sample is not None
-        welcome, _ = decode(sample.payload.to_bytes(), Welcome)
-        config = parse_config(welcome.config, "configuration from the learner")
-        version = max(0, welcome.weights_version)
-        return Forger(config, welcome.run_id, version, self._seed, f"fuzz-{self._seed}")
+    def _until(self, done: Callable[[], bool], child: Child) -> None:
+        """Mark until it is done, ``child`` has ended or somebody stops it."""
+        while not (done() or self._stop.is_set()) and child.alive():
+            before = self._monitor.trained
+            self._monitor.look()
+            cpu = cpu_seconds(self._stage.learner.pid)
+            if self._monitor.trained > before and cpu is not None:
+                self._marks.append(Mark(time.monotonic(), self._monitor.trained, cpu))
+            self._stop.wait(BEAT)
 
-    def _run(self, count: int, rate: float) -> None:
-        forger = self._forger()
-        began = time.monotonic()
-        while self.sent.count < count and not self._stop.is_set() and not self._session.closing:
-            message = forger.draw()
-            try:
-                self._send(message)
-            except Exception:  # zenoh itself refuses some keys: then nothing was sent
-                self.sent.answers["not sendable"] += 1
-                self._stop.wait(0.001)
-                continue
-            self.sent.count += 1
-            self.sent.kinds[message.kind] += 1
-            while len(self._open_queries) > OPEN_QUERIES:
-                self._read()
-            self._stop.wait(max(0.0, began + self.sent.count / rate - time.monotonic()))
-        while self._open_queries and not self._stop.is_set():
-            self._read()
-
-    def _send(self, message: Malformed) -> None:
-        session = self._session
-        if message.way == "query":
-            channel = session.ask(
-                message.key, message.payload, ANSWER_SECONDS, answers=MOST_ANSWERS
-            )
-            self._open_queries.append((message, channel))
-            return
-        if message.way == "put":
-            session.zenoh.put(message.key, message.payload)
-        else:
-            session.zenoh.liveliness().declare_token(message.key).undeclare()
-        self.sent.answers["one way"] += 1
-
-    def _read(self) -> None:
-        message, channel = self._open_queries.popleft()
-        sample = first_answer(channel)
-        answer = _word(sample.payload.to_bytes()) if sample is not None else "unanswered"
-        self.sent.answers[answer] += 1
-        if message.hopeless and answer in ("accepted", "duplicate", "welcomed"):
-            self.sent.taken.append(f"{message.kind}, {message.what}: {answer}")
-
-
-def _word(data: bytes) -> str:
-    try:
-        answer, _ = decode(data, Ack, Refusal, Welcome)
-    except MessageError:
-        return "answered"
-    if isinstance(answer, Ack):
-        return answer.status
-    return "refused" if isinstance(answer, Refusal) else "welcomed"
-
-
-def _watch(monitor: Monitor, stop: Event, seconds: float, show: Callable[[float], None]) -> float:
-    """The rate over ``seconds`` in which nothing is sent."""
-    began = time.monotonic()
-    while (left := began + seconds - time.monotonic()) > 0 and not stop.is_set():
-        monitor.look()
-        show(left)
-        stop.wait(0.2)
-    monitor.look()
-    return monitor.rate(began, time.monotonic())
+    def _hear(self, lines: Sequence[str]) -> bool:
+        """Take in the newest line; whether there was one that can be read."""
+        for line in reversed(lines):
+            with suppress(ValueError, KeyError, TypeError):
+                self.sent = Sent.read(line)
+                return True
+        return False
 
 
 def _memory(stage: Stage) -> float | None:
     """Resident bytes of the learner, the median of a few looks."""
     looks = [used[0] for _ in range(5) if (used := resources(stage.learner.pid)) is not None]
     return statistics.median(looks) if looks else None
-
-
-def _together(parts: list[Sent]) -> Sent:
-    whole = Sent()
-    for part in parts:
-        whole.count += part.count
-        whole.answers += part.answers
-        whole.kinds += part.kinds
-        whole.taken += part.taken
-    return whole

@@ -7,6 +7,7 @@ import statistics
 import threading
 import time
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,7 @@ class Monitor:
         self.updates: deque[tuple[float, int]] = deque(maxlen=100_000)
         self.trained = 0
         self.accepted: dict[str, int] = {}
+        self.arrivals: deque[tuple[float, str, int]] = deque(maxlen=20_000)
         self.lives: list[Life] = []
         self._tail = Tail(ledger)
         self._sampled = 0.0
@@ -91,8 +93,9 @@ class Monitor:
             if entry.get("kind") == "trained":
                 self._note_update(now, int(entry["samples"]))
             elif entry.get("kind") == "accepted":
-                name = str(entry["actor"])
-                self.accepted[name] = self.accepted.get(name, 0) + int(entry["samples"])
+                name, samples = str(entry["actor"]), int(entry["samples"])
+                self.accepted[name] = self.accepted.get(name, 0) + samples
+                self.arrivals.append((now, name, samples))
         if self.lives and now - self._sampled >= SAMPLE_EVERY:
             self._sampled = now
             self._sample(self.lives[-1], now)
@@ -106,11 +109,23 @@ class Monitor:
         total = sum(samples for seen, samples in self.updates if begin < seen <= end)
         return total / max(end - begin, 1e-9)
 
+    def arrived(self, actors: Collection[str], begin: float, end: float) -> int:
+        """Samples of these actors that were accepted between two moments, of the newest only."""
+        return sum(
+            samples
+            for seen, name, samples in self.arrivals
+            if begin < seen <= end and name in actors
+        )
+
     def state_of(self, pid: int) -> str | None:
         """What the newest status says of the actor with that process id."""
-        status = self._viewer.newest
-        rows = [] if status is None else status.get("actors", [])
-        return next((str(row.get("state")) for row in rows if row.get("pid") == pid), None)
+        row = self._row(pid)
+        return None if row is None else str(row.get("state"))
+
+    def name_of(self, pid: int) -> str | None:
+        """By which name the newest status knows the actor with that process id."""
+        row = self._row(pid)
+        return None if row is None else str(row.get("id"))
 
     def memory_growth(self) -> float | None:
         """The largest growth of a learner's memory over one of its lives, as a share."""
@@ -130,6 +145,11 @@ class Monitor:
     def close(self) -> None:
         """Stop watching."""
         self._viewer.close()
+
+    def _row(self, pid: int) -> dict[str, Any] | None:
+        status = self._viewer.newest
+        rows = [] if status is None else status.get("actors", [])
+        return next((row for row in rows if row.get("pid") == pid), None)
 
     def _note_update(self, now: float, samples: int) -> None:
         self.trained += samples
@@ -171,6 +191,15 @@ class StatusWatch:
                         return
             except UserError:
                 self._closed.wait(0.5)
+
+
+def cpu_seconds(pid: int) -> float | None:
+    """CPU time that a process has taken so far, in s; None when it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return None
 
 
 def resources(pid: int) -> tuple[int, int] | None:

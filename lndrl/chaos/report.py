@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -74,6 +75,8 @@ class ChaosReport:
             "frozen_shown_seconds_max": _most(found.frozen_shown),
             "frozen_shown": len(found.frozen_shown),
             "frozen_unseen": found.frozen_unseen,
+            "others_rate_while_frozen": _median(found.others_while_frozen),
+            "others_rates_while_frozen": [round(r, 3) for r in found.others_while_frozen],
             "memory_growth": self.memory_growth,
             "file_handle_growth": self.handle_growth,
             "learner_life_seconds": round(self.learner_life, 1),
@@ -125,7 +128,8 @@ def report_tables(report: ChaosReport) -> list[Table]:
     figures = _table("figures", "")
     for name in (
         "faults", "contradictions", "recovery_seconds_max", "frozen_shown_seconds_max",
-        "frozen_unseen", "memory_growth", "file_handle_growth", "steps_per_second",
+        "frozen_unseen", "others_rate_while_frozen", "memory_growth", "file_handle_growth",
+        "steps_per_second",
         "learner_starts", "checkpoints_refused", "orphans",
     ):  # fmt: skip
         figures.add_row(name.replace("_", " "), _value(data[name]))
@@ -148,6 +152,10 @@ def _value(value: float | int | None) -> str:
     if value is None:
         return "–"
     return f"{value:.3g}" if isinstance(value, float) else f"{value:,}"
+
+
+def _median(values: Sequence[float]) -> float | None:
+    return round(statistics.median(values), 3) if values else None
 
 
 def _most(values: Sequence[float]) -> float | None:

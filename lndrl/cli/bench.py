@@ -12,7 +12,9 @@ from lndrl.errors import UserError
 def bench(
     name: Annotated[
         str,
-        typer.Argument(help="laser, crowd, amcl, world, policy, learner, transport, train, or all"),
+        typer.Argument(
+            help="laser, crowd, amcl, world, policy, learner, transport, train, tls, or all"
+        ),
     ],
     peers: Annotated[
         bool,

@@ -133,6 +133,7 @@ def _supervise(
         log=lambda t: learner.events.add("fleet", t),
         security=security,
         namespace=config.transport.namespace,
+        lease=config.transport.lease,
     )
     adapts = config.actor.count == "auto" and config.learner.mode == "async"
     balance = Balance(most=cores) if adapts else None

@@ -46,6 +46,7 @@ class LearnerDesk:
         self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
         self._newest = WeightsAnnouncement(NO_WEIGHTS, 0, "", self.incarnation)
         self._status: tuple[dict[str, Any], list[dict[str, Any]]] | None = None
+        self._rows: dict[int, tuple[dict[str, Any], bytes]] = {}  # of the history, by identity
 
     def answer_hello(self, data: bytes) -> bytes:
         """Welcome or refusal to an encoded Hello; a wrong protocol is refused here."""
@@ -137,7 +138,14 @@ class LearnerDesk:
         """Snapshot and history as JSON, None before the first."""
         with self._lock:
             status = self._status
-        return None if status is None else to_json({"snapshot": status[0], "history": status[1]})
+        if status is None:
+            return None
+        snapshot, history = status
+        # Who asks again and again pays for the new rows, not for hundreds of old ones each time.
+        known = self._rows
+        self._rows = {id(row): known.get(id(row)) or (row, to_json(row)) for row in history}
+        rows = b", ".join(self._rows[id(row)][1] for row in history)
+        return b'{"snapshot": ' + to_json(snapshot) + b', "history": [' + rows + b"]}"
 
     def _handlers(self) -> LearnerHandlers:
         if self.handlers is None:

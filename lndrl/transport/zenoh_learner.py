@@ -166,7 +166,9 @@ class ZenohLearner:
     def _on_weights(self, query: zenoh.Query) -> None:
         with query:
             wanted = _bytes(query)[:20].decode("ascii", "replace")
-            version = int(wanted) if wanted.isdecimal() else None
+            # What is no number asks for no version: its answer would be megabytes for nothing.
+            number = int(wanted) if wanted.isdecimal() else NO_WEIGHTS
+            version = number if wanted else None
             found = self._desk.weights(version)
             if found is None:
                 newest = encode(self._desk.announcement())

@@ -46,7 +46,7 @@ def test_a_learner_survives_malformed_messages(tmp_path: Path) -> None:
     assert found["messages"] == 2000
     assert found["refused"] > 500
     assert found["taken_wrongly"] == 0, found
-    assert found["rate_after"] > 0
+    assert found["rate_calm"] > 0
     assert {"upload", "hello", "weights", "status", "actors"} <= set(found["messages_by_kind"])
 
 

@@ -101,3 +101,17 @@ def test_transport_rates_leave_out_the_warm_up() -> None:
     assert figures["chunks_per_second"] == pytest.approx(100.0)
     assert figures["megabytes_per_second"] == pytest.approx(200.0)
     assert figures["chunk_kilobytes"] == 2000.0
+
+
+def test_cpu_of_the_transport_is_that_of_the_timed_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    moments, spent = iter(range(100)), iter([2.0, 3.0, 2.5, 4.5])
+    monkeypatch.setattr(transport, "perf_counter", lambda: 0.1 * next(moments))
+    monkeypatch.setattr(transport, "cpu_seconds", lambda pid: next(spent))
+    receiver = transport._Receiver({}, 1.0)
+    receiver.pids = [1, 2]
+    for _ in range(transport._WARM_UP_CHUNKS + 14):
+        receiver.on_chunk(None, {}, 1_000_000)
+    assert receiver.full.is_set()
+    chunks = receiver.spent[1][1] - receiver.spent[0][1]
+    assert chunks in (10, 11), "a second, ten chunks in each"
+    assert receiver.cpu_per_megabyte() == pytest.approx(1e3 * (7.0 - 5.0) / chunks)

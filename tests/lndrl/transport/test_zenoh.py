@@ -26,7 +26,7 @@ from lndrl.transport import (
     open_learner,
     open_viewer,
 )
-from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD
+from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD, WEIGHTS
 from lndrl.transport.messages import decode
 from lndrl.transport.security import Security
 from lndrl.transport.zenoh_session import open_connecting
@@ -244,6 +244,24 @@ def test_garbage_is_refused_and_the_learner_lives_on():
     finally:
         stranger.close()
         actor.close()
+        learner.close()
+
+
+def test_what_asks_for_no_version_gets_no_weights():
+    config = settings()
+    learner = open_learner(config)
+    session = open_connecting(config.endpoint, config, 5.0)
+    try:
+        learner.start(CountingHandlers())
+        learner.publish_weights(3, b"w" * 1000)
+        sizes = {}
+        for payload in (b"", b"3", b"4", b"-1", b"1e9", "²".encode(), b"\xff" * 1000, b"9" * 400):
+            sample = session.query(WEIGHTS, payload, 5.0)
+            assert sample is not None and sample.attachment is not None
+            sizes[payload] = len(sample.payload.to_bytes())
+        assert {payload for payload, size in sizes.items() if size} == {b"", b"3"}
+    finally:
+        session.close()
         learner.close()
 
 

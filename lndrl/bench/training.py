@@ -1,0 +1,117 @@
+"""A whole training as users start it, for benchmarks that watch one from outside."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from lndrl.config import REPOSITORY_CONFIGS
+from lndrl.errors import UserError
+from lndrl.evaluation.sweep.processes import RealProcess, free_port, this_program
+from lndrl.view.metrics import read_metrics
+
+CONFIG = REPOSITORY_CONFIGS / "lndrl.yaml"
+WARM_UPDATES = 2
+"""Updates that are not counted: compilation, first episodes."""
+
+_STARTUP = 300.0  # s within which the first update must come
+_LEAVING = 60.0  # s that an asked run may take for its last checkpoint
+_EPOCHS = 4  # whatever lndrl.yaml finds best, the figure stays comparable
+
+Rows = Sequence[dict[str, Any]]
+
+
+class Training:
+    """``lndrl train configs/lndrl.yaml``, 4 epochs, in ``folder``; a context that ends it.
+
+    Leads a session of its own, so that it can be paused and ended together with its actors.
+    ``name`` is the benchmark's, for its errors; ``more`` goes to the command line.
+    """
+
+    def __init__(self, name: str, folder: Path, scheme: str, more: Sequence[str]) -> None:
+        self.name, self.folder = name, folder / "runs/bench"
+        command = [sys.executable, "-m", "lndrl", "train", str(CONFIG), "--run", "bench"]
+        command += ["--no-dashboard", "--listen", f"{scheme}/127.0.0.1:{free_port()}"]
+        command += ["--set", f"ppo.epochs={_EPOCHS}", *more]
+        self._began = time.monotonic()
+        with (folder / "log").open("wb") as log:
+            self._process = subprocess.Popen(
+                command,
+                cwd=folder,
+                env=this_program(),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+
+    def __enter__(self) -> Training:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.go_on()
+        RealProcess(self._process).end(_LEAVING)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Its ``metrics.jsonl`` so far, a row per update."""
+        try:
+            return read_metrics(self.folder / "metrics.jsonl")
+        except UserError:  # not yet written
+            return []
+
+    def wait(self, done: Callable[[Rows], bool], interval: float = 0.5) -> Rows:
+        """The rows as soon as they are ``done``; looks every ``interval`` s.
+
+        Raises UserError when the run ends, or does not get going.
+        """
+        while True:
+            rows = self.rows()
+            if self._process.poll() is not None:
+                raise UserError(f"{self.name}: the run ended early; try lndrl train by itself")
+            if len(rows) < WARM_UPDATES and time.monotonic() - self._began > _STARTUP:
+                raise UserError(f"{self.name}: no update within {_STARTUP:.0f} s on this machine")
+            if done(rows):
+                return rows
+            time.sleep(interval)
+
+    def pause(self) -> None:
+        """Stop learner and actors where they are."""
+        os.killpg(self._process.pid, signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        """Undo ``pause``; does nothing to a run that goes on or has ended."""
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGCONT)
+
+    def largest_actor(self) -> float:
+        """Resident memory of the actor that has most of it, in MB (2^20 bytes)."""
+        return max([0.0, *(_resident(pid) for pid in _children(self._process.pid))])
+
+
+def span(rows: Rows) -> float:
+    """Seconds from the first row to the last."""
+    return float(rows[-1]["time"]["unix"] - rows[0]["time"]["unix"])
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    except OSError:
+        return []
+    return [int(child) for child in text.split()]
+
+
+def _resident(pid: int) -> float:
+    try:
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            if line.startswith("VmRSS:"):
+                return float(line.split()[1]) / 1024.0
+    except OSError:
+        return 0.0
+    return 0.0
