@@ -67,7 +67,8 @@ def benchmark(
         load_benchmark,
     )
 
-    bench = load_benchmark(spec or BENCHMARK)
+    file = spec or BENCHMARK
+    bench = load_benchmark(file)
     folder = ResultsFolder(RESULTS / name)
     places = choose(bench.scenarios, _names(scenarios), "scenario")
     if table:
@@ -75,7 +76,7 @@ def benchmark(
         chosen = None if wanted is None else choose(list(bench.methods), wanted, "method")
         _show(folder, chosen, None if scenarios is None else places, episodes, json)
         return
-    found, missing = contenders(bench, _names(methods), localization, greedy)
+    found, missing = contenders(bench, _names(methods), localization, greedy, file.parent)
     if missing:
         typer.echo(f"without weights, left out: {', '.join(missing)}", err=True)
     count = episodes or 500

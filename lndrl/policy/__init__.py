@@ -5,6 +5,7 @@ from lndrl.policy.device import resolve_device
 from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
 from lndrl.policy.inference import PolicyRunner
 from lndrl.policy.inputs import Inputs, prepare, supports_sparse
+from lndrl.policy.layout import check_layout
 from lndrl.policy.networks import NavigationNetwork, build_policy, build_value
 from lndrl.policy.weights import (
     POLICY_FILE,
@@ -25,6 +26,7 @@ __all__ = [
     "Record",
     "build_policy",
     "build_value",
+    "check_layout",
     "initial_weights",
     "load_into",
     "load_policy",
