@@ -23,6 +23,7 @@ from lndrl.errors import UserError
 # torch and numba take seconds.
 SUMMARIES = {
     "train": "Train a policy on this machine: one learner and its actors.",
+    "train-all": "Train every learned method of the bench, one after another.",
     "learner": "Run only the learner; actors connect to it from anywhere.",
     "actor": "Run actors that simulate worlds for a learner.",
     "dashboard": "Watch a running learner from another terminal.",
@@ -47,7 +48,8 @@ _LISTS = ("--host", "--renew")
 
 def load_command(name: str) -> Any:
     """The typer command ``name``, from the function of that name in ``lndrl.cli.NAME``."""
-    function = getattr(import_module(f"lndrl.cli.{name}"), name)
+    identifier = name.replace("-", "_")
+    function = getattr(import_module(f"lndrl.cli.{identifier}"), identifier)
     app = typer.Typer(add_completion=False)
     app.command(name)(function)
     command = get_command(app)

@@ -15,6 +15,7 @@ from lndrl.evaluation.benchmark.spec import (
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.table import benchmark_table
+from lndrl.evaluation.benchmark.training import MethodRun, MethodsFolder, method_runs
 
 __all__ = [
     "BENCHMARK",
@@ -24,6 +25,8 @@ __all__ = [
     "Cell",
     "Contender",
     "Identity",
+    "MethodRun",
+    "MethodsFolder",
     "Paired",
     "Plan",
     "ResultsFolder",
@@ -35,6 +38,7 @@ __all__ = [
     "contenders",
     "load_benchmark",
     "mcnemar",
+    "method_runs",
     "rows_of",
     "summary_of",
 ]

@@ -132,16 +132,16 @@ def _check_layout(source: PlannerSource, file: Path | None) -> None:
     from lndrl.policy import check_layout  # torch: takes seconds, and rules need none of it
 
     if file is not None:
-        check_layout(source.name, source.config, load_config(file), str(_shown(file)))
+        check_layout(source.name, source.config, load_config(file), shown(file))
     # What is left of a layout is the policy's own under the bench, see bench_config.
     seen = source.config.model_copy(update={"world": load_config(_BASE).world})
     check_layout(source.name, source.config, seen, "the bench")
 
 
-def _shown(file: Path) -> Path:
+def shown(file: Path) -> str:
     """``file`` from the working folder where it lies below, as a user would write it."""
     here = Path.cwd()
-    return file.relative_to(here) if file.is_relative_to(here) else file
+    return str(file.relative_to(here) if file.is_relative_to(here) else file)
 
 
 def bench_config(contender: Contender, scenario: str, seed: int) -> RunConfig:

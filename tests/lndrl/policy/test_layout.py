@@ -51,7 +51,9 @@ def test_weights_say_what_they_are_for(
     runner = PolicyRunner(config_of())
     with pytest.raises(UserError) as caught:
         runner.load(weights_of(config_of(name, setting)))
-    assert str(caught.value) == f"weights: trained with {trained}; this configuration has {expected}"
+    assert (
+        str(caught.value) == f"weights: trained with {trained}; this configuration has {expected}"
+    )
 
 
 @pytest.mark.parametrize(

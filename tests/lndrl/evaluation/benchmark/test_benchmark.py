@@ -181,7 +181,7 @@ def test_a_laser_that_the_bench_has_not_is_refused(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     spec = learned_bench(tmp_path, "world.laser.range_max=30")
-    with pytest.raises(UserError, match="mine: .* a range of 30 m; the bench has a range of 12 m"):
+    with pytest.raises(UserError, match=r"mine: .* a range of 30 m; the bench has a range of 12 m"):
         contenders(load_benchmark(spec), ["mine"], configs=spec.parent)
 
 
