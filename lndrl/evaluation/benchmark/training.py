@@ -6,12 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
-from lndrl.evaluation.sweep import Run, RunsFolder
+from lndrl.evaluation.sweep import Run, RunsFolder, State
 from lndrl.planners.factory import RULES
 
 RUNS = "runs"
@@ -46,7 +46,7 @@ class MethodsFolder(RunsFolder):
         super().__init__(path, runs, path / RUNS / "train-all")
         self.methods = tuple(runs)
 
-    def state(self, run: Run) -> Literal["missing", "begun", "diverged", "finished"]:
+    def state(self, run: Run) -> State:
         """How far the run is, by its newest checkpoint: that is what would be tested."""
         folder = self.run_path(run) / "checkpoints"
         steps = [path.name.partition("-")[2] for path in folder.glob("step-*")]

@@ -7,7 +7,7 @@ from lndrl.evaluation.sweep.figures import (
     VariantFigures,
     sweep_figures,
 )
-from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
+from lndrl.evaluation.sweep.folder import Run, RunsFolder, State, SweepFolder
 from lndrl.evaluation.sweep.processes import Launcher, Trainer
 from lndrl.evaluation.sweep.runs import Job, Process, Progress, Work, next_job
 from lndrl.evaluation.sweep.spec import PlannedRun, Sweep, SweepSpec, Variant, load_sweep
@@ -22,6 +22,7 @@ __all__ = [
     "Run",
     "RunFigures",
     "RunsFolder",
+    "State",
     "Sweep",
     "SweepFigures",
     "SweepFolder",

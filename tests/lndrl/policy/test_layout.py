@@ -106,8 +106,6 @@ def test_the_command_resumes_and_starts_with_no_other_layout(
             "actor.count=1", "actor.worlds=2", "actor.horizon=16"]  # fmt: skip
     Path("tiny.yaml").write_text(config_of("lndrl", *tiny).to_yaml())
     assert lndrl(["train", "tiny.yaml", "--serial", "--steps", "32", "--run", "a"]) == 0
-    capsys.readouterr()
-    assert lndrl(["evaluate", "runs/a", "--episodes", "1", "--workers", "0"]) == 0
     other = ["--set", "network.variances=false"]
     start = ["--run", "b", "--set", "learner.start=runs/a"]
     for options in (["--run", "a", "--resume", *other], ["tiny.yaml", *start, *other]):
