@@ -17,12 +17,13 @@ ARGS ?=
 WORKERS ?= 2
 PYTEST ?=
 
-.PHONY: help install references train test check format clean lock
+.PHONY: help install references train train-all test check format clean lock
 
 help:
 	@echo "make install   .venv with the exact versions of requirements.lock"
 	@echo "make references   the packages that tests and benchmarks compare with (some GPL)"
 	@echo "make train     train; STEPS=20000 RUN=first ACTORS=2; a run that exists is continued"
+	@echo "make train-all   train every method of the paper's table; STEPS=20000 for short runs"
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
 	@echo "make check     format, lint, types, tests: what every change must pass"
 	@echo "make format    format the code"
@@ -47,6 +48,9 @@ references: $(REFERENCES)
 train: install
 	$(BIN)/lndrl train $(CONFIG) --run $(RUN) $(if $(STEPS),--steps $(STEPS)) \
 		$(if $(ACTORS),--actors $(ACTORS)) $(if $(wildcard runs/$(RUN)),--resume) $(ARGS)
+
+train-all: install
+	$(BIN)/lndrl train-all $(if $(STEPS),--steps $(STEPS)) $(if $(ACTORS),--actors $(ACTORS)) $(ARGS)
 
 test: install references
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST)

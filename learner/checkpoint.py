@@ -117,7 +117,7 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
     """Restore ``ppo`` from ``path``; returns counters and the books as they were saved.
 
     Raises UserError for a damaged checkpoint (naming the one before it) or one of another
-    network; ``ppo`` may then hold a part of it and must not be used.
+    network or observation layout; ``ppo`` may then hold a part of it and must not be used.
     """
     try:
         state = _state(path)
@@ -130,7 +130,7 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
         books: dict[str, Any] = {name: state[name] for name in _BOOKS if name in state}
     except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
         raise UserError(damaged(path, error)) from None
-    load_into(ppo.policy, files[POLICY_FILE], str(path / POLICY_FILE))
+    load_into(ppo.policy, files[POLICY_FILE], str(path / POLICY_FILE), ppo.config)
     load_into(ppo.value, files[VALUE_FILE], str(path / VALUE_FILE))
     try:
         _restore_optimizers(ppo, optimizer, rates, path)

@@ -70,16 +70,17 @@ def benchmark(
         load_benchmark,
     )
 
-    bench = load_benchmark(spec or BENCHMARK)
+    file = spec or BENCHMARK
+    bench = load_benchmark(file)
     folder = ResultsFolder(RESULTS / name)
-    places = choose(bench.scenarios, _names(scenarios), "scenario")
+    places = choose(bench.scenarios, names(scenarios), "scenario")
     if table:
-        wanted = _names(methods)
+        wanted = names(methods)
         chosen = None if wanted is None else choose(list(bench.methods), wanted, "method")
         check_frozen(bench, Identity.read(folder.path / IDENTITY).scenarios)
         _show(folder, chosen, None if scenarios is None else places, episodes, json)
         return
-    found, missing = contenders(bench, _names(methods), localization, greedy)
+    found, missing = contenders(bench, names(methods), localization, greedy, file.parent)
     if missing:
         typer.echo(f"without weights, left out: {', '.join(missing)}", err=True)
     count = episodes or 500
@@ -90,7 +91,8 @@ def benchmark(
     _show(folder, [contender.name for contender in found], places, count, json)
 
 
-def _names(text: str | None) -> list[str] | None:
+def names(text: str | None) -> list[str] | None:
+    """The parts of ``A,B,...``; None for None."""
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
 
 

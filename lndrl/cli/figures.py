@@ -57,7 +57,7 @@ def trajectories(
     with _progress(len(places) * len(found), "trajectories") as advance:
         for place in places:
             for contender in found:
-                drives += Replay(contender, place, bench.seed).drive([episode])
+                drives += Replay(contender, place, bench.seed, bench.set).drive([episode])
                 advance(1, f"{contender.name} on {drives[-1].scenario}: {drives[-1].reason}")
     from lndrl.view.trajectories import save_trajectories
 
@@ -96,7 +96,7 @@ def activations(
     contender = contender_named(bench, method)
     need_network(contender)
     with _progress(1, "activations") as advance:
-        moment = moment_of(Replay(contender, place, bench.seed), episode, step)
+        moment = moment_of(Replay(contender, place, bench.seed, bench.set), episode, step)
         advance(1)
     from lndrl.view.activations import Activations, save_activations
 
@@ -163,7 +163,7 @@ def _redrive(
     with _progress(len(rows), "worst") as advance:
         for place in dict.fromkeys(row.scenario for row in rows):
             check_scenario(folder, identity, contender, place)
-            replay = Replay(contender, place, identity.seed)
+            replay = Replay(contender, place, identity.seed, identity.changes.get(place, ()))
             records = {row.episode: row.record for row in rows if row.scenario == place}
             drives = replay.drive(list(records), lambda drive: advance(1, drive.reason))
             for drive in drives:

@@ -23,6 +23,7 @@ from lndrl.errors import UserError
 # torch and numba take seconds.
 SUMMARIES = {
     "train": "Train a policy on this machine: one learner and its actors.",
+    "train-all": "Train every learned method of the bench, one after another.",
     "learner": "Run only the learner; actors connect to it from anywhere.",
     "actor": "Run actors that simulate worlds for a learner.",
     "dashboard": "Watch a running learner from another terminal.",
@@ -49,7 +50,8 @@ _LISTS = ("--host", "--renew")
 
 def load_command(name: str) -> Any:
     """The typer command ``name``, from the function or group of that name in ``lndrl.cli.NAME``."""
-    found = getattr(import_module(f"lndrl.cli.{name}"), name)
+    identifier = name.replace("-", "_")
+    found = getattr(import_module(f"lndrl.cli.{identifier}"), identifier)
     if isinstance(found, typer.Typer):
         command = get_command(found)
     else:

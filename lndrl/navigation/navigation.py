@@ -125,6 +125,11 @@ class Navigation:
         return int(self.track.steps[0])
 
     @property
+    def pose_heard(self) -> NDArray[np.float64]:
+        """(3,) the estimate that the robot acts on, ``localization.delay`` steps old."""
+        return self.track.reports[-1, :3]
+
+    @property
     def outcome(self) -> str:
         """How the episode ended; "" while it runs, "unstarted" before the first."""
         return OUTCOME_NAMES[self.track.outcome[0]] if self.episode >= 0 else "unstarted"

@@ -38,13 +38,18 @@ class PlannerSource:
         """The planner for episodes under ``config``.
 
         ``greedy`` takes the likeliest action instead of sampling; rules ignore it. Raises
-        UserError when the weights do not fit the networks of ``config``.
+        UserError when the weights are for another observation layout than that of ``config``, or
+        do not fit its networks.
         """
         if self.parameters is not None:
             return DWAPlanner(config, self.parameters)
         if self.weights is None:
             return RULES[self.name](config)
         from lndrl.planners.policy import PolicyPlanner
+        from lndrl.policy import check_layout
+
+        if self.config is not None:
+            check_layout(self.name, self.config, config)
 
         return PolicyPlanner.load(self.name, config, self.weights, greedy)
 

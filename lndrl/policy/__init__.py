@@ -6,6 +6,7 @@ from lndrl.policy.device import resolve_device
 from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
 from lndrl.policy.inference import PolicyRunner
 from lndrl.policy.inputs import Inputs, prepare, supports_sparse
+from lndrl.policy.layout import check_layout
 from lndrl.policy.networks import NavigationNetwork, build_policy, build_value
 from lndrl.policy.weights import (
     POLICY_FILE,
@@ -28,6 +29,7 @@ __all__ = [
     "build_policy",
     "build_value",
     "first_layer",
+    "check_layout",
     "initial_weights",
     "load_into",
     "load_policy",

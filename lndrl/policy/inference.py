@@ -39,7 +39,7 @@ class PolicyRunner:
 
     def load(self, blob: bytes) -> None:
         """Replace the weights; raises UserError when they are of another network."""
-        load_into(self.network, blob)
+        load_into(self.network, blob, config=self.config)
         self._freeze()
 
     def log_probabilities(self, observation: Observation) -> NDArray[np.float32]:

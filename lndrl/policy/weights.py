@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.errors import UserError
+from lndrl.policy.layout import CONFIG_KEY, explain_misfit
 from lndrl.policy.networks import build_policy
 
 POLICY_FILE = "policy.safetensors"
@@ -28,40 +29,51 @@ def to_bytes(network: nn.Module, metadata: dict[str, str] | None = None) -> byte
     return save_tensors(tensors, metadata)
 
 
-def load_into(network: nn.Module, blob: bytes, where: str = "weights") -> None:
+def load_into(
+    network: nn.Module, blob: bytes, where: str = "weights", config: RunConfig | None = None
+) -> None:
     """Copy the tensors of ``blob`` into ``network``.
 
     Raises UserError when the blob is no safetensors file, holds other names or shapes, or a
-    value that is not finite.
+    value that is not finite. Given the network's ``config``, it names the observation layout that
+    the weights are for, where they say it.
     """
     try:
         tensors = load_tensors(blob)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{where}: not a safetensors file ({error})") from None
     expected = network.state_dict()
-    _check(tensors, expected, where)
+    misfit = _misfit(tensors, expected)
+    if misfit is not None:
+        explained = explain_misfit(where, blob, config) if config is not None else None
+        raise UserError(explained or f"{where}: {misfit}; these weights are of another network")
+    _check_values(tensors, expected, where)
     with torch.no_grad():
         for name, target in expected.items():
             target.copy_(tensors[name])
 
 
-def _check(tensors: dict[str, Tensor], expected: dict[str, Tensor], where: str) -> None:
+def _misfit(tensors: dict[str, Tensor], expected: dict[str, Tensor]) -> str | None:
+    """The first name or shape that is not ``expected``."""
     for name, target in expected.items():
         if name not in tensors:
-            raise UserError(f"{where}: {name} is missing; these weights are of another network")
+            return f"{name} is missing"
         if tensors[name].shape != target.shape:
-            raise UserError(
-                f"{where}: {name} has shape {list(tensors[name].shape)} where this configuration "
-                f"has {list(target.shape)}; these weights are of another network"
+            return (
+                f"{name} has shape {list(tensors[name].shape)} where this configuration "
+                f"has {list(target.shape)}"
             )
+    extra = sorted(set(tensors) - set(expected))
+    return f"unknown tensor {extra[0]}" if extra else None
+
+
+def _check_values(tensors: dict[str, Tensor], expected: dict[str, Tensor], where: str) -> None:
+    for name, target in expected.items():
         if tensors[name].dtype != target.dtype:
             raise UserError(f"{where}: {name} is {tensors[name].dtype}, not {target.dtype}")
         # NaN and infinity both show in the extremes, ten times sooner than by looking one by one.
         if not all(math.isfinite(extreme) for extreme in torch.aminmax(tensors[name])):
             raise UserError(f"{where}: {name} holds values that are not finite")
-    extra = sorted(set(tensors) - set(expected))
-    if extra:
-        raise UserError(f"{where}: unknown tensor {extra[0]}; these weights are of another network")
 
 
 def initial_weights(config: RunConfig) -> bytes:
@@ -73,7 +85,7 @@ def initial_weights(config: RunConfig) -> bytes:
 def policy_metadata(config: RunConfig, version: int, steps: int) -> dict[str, str]:
     """What a policy file says of itself, so that the file alone can be evaluated."""
     return {
-        "lndrl.config": json.dumps(config.model_dump(mode="json")),
+        CONFIG_KEY: json.dumps(config.model_dump(mode="json")),
         "lndrl.version": str(version),
         "lndrl.steps": str(steps),
     }
@@ -91,9 +103,9 @@ def load_policy(path: Path | str) -> tuple[RunConfig, bytes]:
             metadata = opened.metadata() or {}
     except (SafetensorError, OSError) as error:
         raise UserError(f"{file}: not a safetensors file ({error})") from None
-    if "lndrl.config" not in metadata:
+    if CONFIG_KEY not in metadata:
         raise UserError(f"{file}: has no configuration inside; give a policy file saved by lndrl")
-    return parse_config(json.loads(metadata["lndrl.config"]), f"{file} (configuration)"), blob
+    return parse_config(json.loads(metadata[CONFIG_KEY]), f"{file} (configuration)"), blob
 
 
 def _read(file: Path) -> bytes:

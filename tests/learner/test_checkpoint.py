@@ -94,7 +94,8 @@ def test_damage_is_found_and_the_one_before_is_offered(trained, tmp_path: Path, 
 def test_another_network_is_named(trained, tmp_path: Path) -> None:
     path = save_checkpoint(tmp_path, trained(small_config(), 1), Counters(), BOOKS, 3)
     other = trained(small_config(network={"features": 24}), 0)
-    with pytest.raises(UserError, match="another network"):
+    sentence = r"policy\.safetensors: trained with 16 features; this configuration has 24 features"
+    with pytest.raises(UserError, match=sentence):
         load_checkpoint(path, other)
 
 

@@ -31,6 +31,7 @@ from lndrl.evaluation.benchmark.spec import (
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.table import benchmark_table
+from lndrl.evaluation.benchmark.training import MethodRun, MethodsFolder, method_runs
 from lndrl.evaluation.benchmark.worst import (
     Recorded,
     badness,
@@ -53,6 +54,8 @@ __all__ = [
     "Contender",
     "Drive",
     "Identity",
+    "MethodRun",
+    "MethodsFolder",
     "Paired",
     "Plan",
     "Recorded",
@@ -74,6 +77,7 @@ __all__ = [
     "load_benchmark",
     "load_calibration",
     "mcnemar",
+    "method_runs",
     "rows_of",
     "summary_of",
     "targets",

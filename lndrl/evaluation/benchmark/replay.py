@@ -77,9 +77,11 @@ class Replay:
     Raises UserError for an impossible scenario and for weights that do not fit.
     """
 
-    def __init__(self, contender: Contender, scenario: str, seed: int) -> None:
+    def __init__(
+        self, contender: Contender, scenario: str, seed: int, changes: Sequence[str] = ()
+    ) -> None:
         self.contender = contender
-        self.config = bench_config(contender, scenario, seed)
+        self.config = bench_config(contender, scenario, seed, changes)
         if contender.source.weights is not None:
             import torch
 
@@ -161,7 +163,7 @@ class _Camera:
         self.end: WorldSnapshot | None = None
 
     def __call__(self, world: Navigation) -> None:
-        true, estimated = world.world.pose_true, world.localization.pose_estimated
+        true, estimated = world.world.pose_true, world.pose_heard
         self.time.append(world.world.time)
         self.pose_true.append(true.copy())
         self.pose_estimated.append(estimated.copy())

@@ -71,6 +71,7 @@ class Plan:
             VERSION,
             {cell.scenario: bench_hash(cell.config) for cell in self.cells},
             {contender.name: describe(contender) for contender in methods},
+            {scenario: list(changes[scenario]) for scenario in scenarios if scenario in changes},
         )
 
     def left(self) -> int:

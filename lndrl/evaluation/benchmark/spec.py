@@ -48,6 +48,19 @@ class BenchmarkSpec(Model):
         """What ``set`` means for each scenario."""
         return dict.fromkeys(self.scenarios, self.set)
 
+    def config_of(self, name: str, folder: Path = REPOSITORY_CONFIGS) -> Path | None:
+        """The configuration that method ``name`` is trained with: ``NAME.yaml`` in ``folder``.
+
+        Failing that, the one of another method that shares its planner; None for a rule and where
+        there is no such file.
+        """
+        planner = self.methods[name].planner
+        if planner in RULES:
+            return None
+        sharing = [other for other, each in self.methods.items() if each.planner == planner]
+        files = (folder / f"{each}.yaml" for each in (name, *sharing))
+        return next((file for file in files if file.is_file()), None)
+
 
 @dataclass(frozen=True)
 class Contender:
@@ -102,11 +115,13 @@ def contenders(
     wanted: Sequence[str] | None = None,
     localization: Localization | None = None,
     greedy: bool = False,
+    configs: Path = REPOSITORY_CONFIGS,
 ) -> tuple[list[Contender], list[str]]:
     """Methods that can be tested, and those without weights, by name.
 
-    ``localization`` replaces every method's own. Raises UserError for an unknown method, and for a
-    missing planner where the method was asked for by name.
+    ``localization`` replaces every method's own. Raises UserError for an unknown method, for a
+    missing planner where the method was asked for by name, and for weights of another observation
+    layout than that of the method's configuration in ``configs`` or, without one, of the bench.
     """
     found: list[Contender] = []
     missing: list[str] = []
@@ -117,10 +132,29 @@ def contenders(
             continue
         try:
             source = planner_source(method.planner)
+            _check_layout(source, spec.config_of(name, configs))
         except UserError as error:
             raise UserError(f"method {name}: {error}") from None
         found.append(Contender(name, source, localization or method.localization, greedy))
     return found, missing
+
+
+def _check_layout(source: PlannerSource, file: Path | None) -> None:
+    if source.config is None:
+        return
+    from lndrl.policy import check_layout  # torch: takes seconds, and rules need none of it
+
+    if file is not None:
+        check_layout(source.name, source.config, load_config(file), shown(file))
+    # What is left of a layout is the policy's own under the bench, see bench_config.
+    seen = source.config.model_copy(update={"world": load_config(_BASE).world})
+    check_layout(source.name, source.config, seen, "the bench")
+
+
+def shown(file: Path) -> str:
+    """``file`` from the working folder where it lies below, as a user would write it."""
+    here = Path.cwd()
+    return str(file.relative_to(here) if file.is_relative_to(here) else file)
 
 
 def bench_config(

@@ -32,13 +32,14 @@ class Identity:
     """What results in a folder stand for; ``scenarios`` and ``methods`` grow as more are tested.
 
     ``scenarios`` maps names to bench hashes, ``methods`` to planner, identity, actions,
-    localization.
+    localization, ``changes`` scenarios to what was set in them (key=value).
     """
 
     seed: int
     program_version: str
     scenarios: dict[str, str] = field(default_factory=dict)
     methods: dict[str, dict[str, str]] = field(default_factory=dict)
+    changes: dict[str, list[str]] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path) -> Identity:
@@ -90,6 +91,7 @@ class ResultsFolder:
                         f"{self.path}: {kind} {name} has changed since it was tested there{other}"
                     )
         kept.scenarios.update(wanted.scenarios)
+        kept.changes.update(wanted.changes)
         kept.methods.update(wanted.methods)
         kept.write(place)
 

@@ -91,7 +91,7 @@ def check_scenario(
     folder: ResultsFolder, identity: Identity, contender: Contender, name: str
 ) -> None:
     """Raises UserError where scenario ``name`` is another one than was tested."""
-    config = bench_config(contender, name, identity.seed)
+    config = bench_config(contender, name, identity.seed, identity.changes.get(name, ()))
     if bench_hash(config) != identity.scenarios[name]:
         raise UserError(
             f"{folder.path}: scenario {name} has changed since it was tested there; "

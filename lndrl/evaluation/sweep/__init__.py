@@ -7,8 +7,8 @@ from lndrl.evaluation.sweep.figures import (
     VariantFigures,
     sweep_figures,
 )
-from lndrl.evaluation.sweep.folder import SweepFolder
-from lndrl.evaluation.sweep.processes import Launcher
+from lndrl.evaluation.sweep.folder import Run, RunsFolder, State, SweepFolder
+from lndrl.evaluation.sweep.processes import Launcher, Trainer
 from lndrl.evaluation.sweep.runs import Job, Process, Progress, Work, next_job
 from lndrl.evaluation.sweep.spec import PlannedRun, Sweep, SweepSpec, Variant, load_sweep
 
@@ -19,11 +19,15 @@ __all__ = [
     "PlannedRun",
     "Process",
     "Progress",
+    "Run",
     "RunFigures",
+    "RunsFolder",
+    "State",
     "Sweep",
     "SweepFigures",
     "SweepFolder",
     "SweepSpec",
+    "Trainer",
     "Variant",
     "VariantFigures",
     "Work",

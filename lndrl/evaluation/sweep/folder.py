@@ -1,4 +1,4 @@
-"""A sweep's folder: what its runs left there, and so how far they are.
+"""Folders of several runs: what these left there, and so how far they are.
 
 configs/RUN.yaml   what the run was started with, complete
 runs/RUN/          the run folder that lndrl train makes; evaluation.json beside its records
@@ -11,15 +11,15 @@ import fcntl
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
-from lndrl.config import load_config
+from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.result import EvaluationResult, load_result
-from lndrl.evaluation.sweep.spec import PlannedRun, Sweep
+from lndrl.evaluation.sweep.spec import Sweep
 from lndrl.view.metrics import read_metrics
 
 State = Literal["missing", "begun", "diverged", "finished"]
@@ -27,30 +27,49 @@ State = Literal["missing", "begun", "diverged", "finished"]
 _DIVERGED = re.compile(r"^\S+ \S+ diverged ", re.MULTILINE)
 
 
-class SweepFolder:
-    """The folder ``path`` of ``sweep``; nothing is made before ``prepare``."""
+class Run(Protocol):
+    """A run that is planned: its folder's name and its configuration."""
 
-    def __init__(self, path: Path, sweep: Sweep) -> None:
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+
+    @property
+    def config(self) -> RunConfig:
+        """What it is trained with, complete."""
+
+
+class RunsFolder:
+    """``runs`` in the folder ``path``; nothing is made before ``prepare``.
+
+    ``aside`` (``path`` by default) is where configurations and logs are kept.
+    """
+
+    WORK: ClassVar[tuple[str, str]] = "runs", "wait for them"
+    """Whose folder it is, and what to do while it is held."""
+
+    def __init__(self, path: Path, runs: Sequence[Run], aside: Path | None = None) -> None:
         self.path = path.resolve()
-        self.sweep = sweep
+        self.runs = tuple(runs)
+        self.aside = (aside or path).resolve()
 
-    def run_path(self, run: PlannedRun) -> Path:
+    def run_path(self, run: Run) -> Path:
         """The run's folder."""
         return self.path / "runs" / run.name
 
-    def config_path(self, run: PlannedRun) -> Path:
+    def config_path(self, run: Run) -> Path:
         """What the run is started with."""
-        return self.path / "configs" / f"{run.name}.yaml"
+        return self.aside / "configs" / f"{run.name}.yaml"
 
-    def log_path(self, run: PlannedRun) -> Path:
+    def log_path(self, run: Run) -> Path:
         """What the run's processes say."""
-        return self.path / "logs" / f"{run.name}.log"
+        return self.aside / "logs" / f"{run.name}.log"
 
-    def evaluation_path(self, run: PlannedRun) -> Path:
-        """The JSON of the final policy's evaluation."""
-        return self.run_path(run) / "evaluation.json"
+    def is_complete(self, run: Run) -> bool:
+        """Whether the run, trained to its end, needs nothing else."""
+        return True
 
-    def state(self, run: PlannedRun) -> State:
+    def state(self, run: Run) -> State:
         """How far the run is; without a checkpoint there is nothing to go on from."""
         folder = self.run_path(run)
         if _finished(folder / "summary.json"):
@@ -63,13 +82,13 @@ class SweepFolder:
             events = ""
         return "diverged" if _DIVERGED.search(events) else "begun"
 
-    def rows(self, run: PlannedRun) -> list[dict[str, Any]]:
+    def rows(self, run: Run) -> list[dict[str, Any]]:
         """The run's metrics, none before its first update."""
         path = self.run_path(run) / "metrics.jsonl"
         # A learner makes the file before it has a row.
         return read_metrics(path) if path.exists() and path.stat().st_size else []
 
-    def steps(self, run: PlannedRun) -> int:
+    def steps(self, run: Run) -> int:
         """Environment steps that the run has learned from."""
         try:
             rows = self.rows(run)
@@ -77,7 +96,58 @@ class SweepFolder:
             return 0
         return int(rows[-1]["steps"]) if rows else 0
 
-    def evaluation(self, run: PlannedRun) -> EvaluationResult | None:
+    def prepare(self, run: Run) -> Path:
+        """Clear what cannot be resumed and write the run's configuration; returns its path."""
+        shutil.rmtree(self.run_path(run), ignore_errors=True)
+        path = self.config_path(run)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(run.config.to_yaml())
+        except OSError as error:
+            raise UserError(f"{path}: cannot be written ({error.strerror})") from None
+        return path
+
+    @contextmanager
+    def locked(self) -> Iterator[int]:
+        """Hold the folder against others who work there; yields the lock's descriptor.
+
+        A process that inherits the descriptor holds the lock as well, so that a run which has
+        survived whoever started it is not started a second time. Raises UserError where it is held.
+        """
+        try:
+            self.aside.mkdir(parents=True, exist_ok=True)
+            file = (self.aside / "lock").open("w")
+        except OSError as error:
+            raise UserError(f"{self.aside}: cannot be written ({error.strerror})") from None
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                whose, advice = self.WORK
+                raise UserError(
+                    f"{self.aside}: {whose}, or a run of it, is still at work there; {advice}"
+                ) from None
+            yield file.fileno()
+
+
+class SweepFolder(RunsFolder):
+    """The folder ``path`` of ``sweep``."""
+
+    WORK = "a sweep", "wait for it or choose another --folder"
+
+    def __init__(self, path: Path, sweep: Sweep) -> None:
+        super().__init__(path, sweep.runs())
+        self.sweep = sweep
+
+    def evaluation_path(self, run: Run) -> Path:
+        """The JSON of the final policy's evaluation."""
+        return self.run_path(run) / "evaluation.json"
+
+    def is_complete(self, run: Run) -> bool:
+        """Whether the run was tested as the sweep asks for."""
+        return not self.sweep.spec.episodes or self.evaluation(run) is not None
+
+    def evaluation(self, run: Run) -> EvaluationResult | None:
         """The evaluation that the sweep asks for; None where it was not made, or otherwise."""
         spec = self.sweep.spec
         path = self.evaluation_path(run)
@@ -98,39 +168,6 @@ class SweepFolder:
                     f"{self.run_path(run)} was not trained with what {self.sweep.file} says of "
                     f"{run.variant.name} now; delete it or choose another --folder"
                 )
-
-    def prepare(self, run: PlannedRun) -> Path:
-        """Clear what cannot be resumed and write the run's configuration; returns its path."""
-        shutil.rmtree(self.run_path(run), ignore_errors=True)
-        path = self.config_path(run)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(run.config.to_yaml())
-        except OSError as error:
-            raise UserError(f"{path}: cannot be written ({error.strerror})") from None
-        return path
-
-    @contextmanager
-    def locked(self) -> Iterator[int]:
-        """Hold the folder against other sweeps; yields the lock's descriptor.
-
-        A process that inherits the descriptor holds the lock as well, so that a run which has
-        survived its sweep is not started a second time. Raises UserError where it is held.
-        """
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            file = (self.path / "lock").open("w")
-        except OSError as error:
-            raise UserError(f"{self.path}: cannot be written ({error.strerror})") from None
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise UserError(
-                    f"{self.path}: a sweep, or a run of one, is still at work there; wait for it "
-                    "or choose another --folder"
-                ) from None
-            yield file.fileno()
 
 
 def _finished(summary: Path) -> bool:

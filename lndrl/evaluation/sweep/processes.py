@@ -1,4 +1,4 @@
-"""The processes of a sweep: ``lndrl train`` and ``lndrl evaluate``, as users start them."""
+"""The processes of runs: ``lndrl train`` and ``lndrl evaluate``, as users start them."""
 
 from __future__ import annotations
 
@@ -7,66 +7,84 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import lndrl
-from lndrl.evaluation.sweep.folder import SweepFolder
+from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
 
 
-class Launcher:
-    """Starts the jobs of a sweep in ``folder``, ``parallel`` of them side by side.
+class Trainer:
+    """Starts ``lndrl train`` for runs of ``folder``; ``options`` says what else it is given.
 
     ``lock`` is the descriptor that ``folder.locked`` yields.
     """
 
-    def __init__(self, folder: SweepFolder, lock: int, parallel: int = 1) -> None:
-        self.folder, self.lock = folder, lock
-        self.workers = max(1, len(os.sched_getaffinity(0)) // parallel)
+    def __init__(self, folder: RunsFolder, lock: int, options: Callable[[Run], list[str]]) -> None:
+        self.lock, self.options = lock, options
         self.environment = this_program()
+        self._runs = folder
 
     def __call__(self, job: Job) -> RealProcess:
         """Start ``job``; what it says goes to its run's log."""
-        log = self.folder.log_path(job.run)
-        log.parent.mkdir(parents=True, exist_ok=True)
-        if job.kind == "evaluate":
-            result = self.folder.evaluation_path(job.run)
-            partial = result.with_suffix(".partial")
-            process = self._start(self._evaluation(job), partial, log)
-            return RealProcess(process, partial, result)
-        return RealProcess(self._start(self._training(job), log, log))
-
-    def _training(self, job: Job) -> list[str]:
+        log = self._log(job)
         command = ["train"]
         if job.kind == "train":
-            command.append(str(self.folder.prepare(job.run)))
+            command.append(str(self._runs.prepare(job.run)))
         command += ["--run", job.run.name]
         if job.kind == "resume":
             command.append("--resume")
+        return RealProcess(self._start([*command, *self.options(job.run)], log, log))
+
+    def _log(self, job: Job) -> Path:
+        log = self._runs.log_path(job.run)
+        log.parent.mkdir(parents=True, exist_ok=True)
+        return log
+
+    def _start(self, command: list[str], out: Path, log: Path) -> subprocess.Popen[bytes]:
+        with out.open("ab" if out == log else "wb") as stdout, log.open("ab") as stderr:
+            return subprocess.Popen(
+                [sys.executable, "-m", "lndrl", *command],
+                cwd=self._runs.path,
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                stderr=stderr,
+                pass_fds=(self.lock,),
+                # Ctrl-C in a terminal would reach it twice: from there and from who started it.
+                start_new_session=True,
+            )
+
+
+class Launcher(Trainer):
+    """Starts the jobs of a sweep in ``folder``, ``parallel`` of them side by side."""
+
+    def __init__(self, folder: SweepFolder, lock: int, parallel: int = 1) -> None:
+        super().__init__(folder, lock, self._training)
+        self.folder = folder
+        self.workers = max(1, len(os.sched_getaffinity(0)) // parallel)
+
+    def __call__(self, job: Job) -> RealProcess:
+        """See ``Trainer``."""
+        if job.kind != "evaluate":
+            return super().__call__(job)
+        result = self.folder.evaluation_path(job.run)
+        partial = result.with_suffix(".partial")
+        process = self._start(self._evaluation(job), partial, self._log(job))
+        return RealProcess(process, partial, result)
+
+    def _training(self, run: Run) -> list[str]:
         if self.folder.sweep.spec.serial:
-            return [*command, "--serial"]
-        return [*command, "--no-dashboard", "--listen", f"tcp/127.0.0.1:{free_port()}"]
+            return ["--serial"]
+        return ["--no-dashboard", "--listen", f"tcp/127.0.0.1:{free_port()}"]
 
     def _evaluation(self, job: Job) -> list[str]:
         spec = self.folder.sweep.spec
         command = ["evaluate", str(self.folder.run_path(job.run)), "--json"]
         command += ["--episodes", str(spec.episodes), "--workers", str(self.workers)]
         return [*command, "--greedy"] if spec.greedy else command
-
-    def _start(self, command: list[str], out: Path, log: Path) -> subprocess.Popen[bytes]:
-        with out.open("ab" if out == log else "wb") as stdout, log.open("ab") as stderr:
-            return subprocess.Popen(
-                [sys.executable, "-m", "lndrl", *command],
-                cwd=self.folder.path,
-                env=self.environment,
-                stdin=subprocess.DEVNULL,
-                stdout=stdout,
-                stderr=stderr,
-                pass_fds=(self.lock,),
-                # Ctrl-C in a terminal would reach it twice: from there and from the sweep.
-                start_new_session=True,
-            )
 
 
 class RealProcess:

@@ -1,4 +1,4 @@
-"""Working a sweep off: which run is next, and what becomes of it."""
+"""Working runs off: which run is next, and what becomes of it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from threading import Event
 from typing import Literal, Protocol
 
 from lndrl.errors import UserError
-from lndrl.evaluation.sweep.folder import SweepFolder
-from lndrl.evaluation.sweep.spec import PlannedRun
+from lndrl.evaluation.sweep.folder import Run, RunsFolder
 
 _ATTEMPTS = 2  # per run and session: one failure may be the machine's, two are the run's
 _GRACE = 30.0  # s for a checkpoint and the actors' end
@@ -21,7 +20,7 @@ _GRACE = 30.0  # s for a checkpoint and the actors' end
 class Job:
     """What a run needs next."""
 
-    run: PlannedRun
+    run: Run
     kind: Literal["train", "resume", "evaluate"]
 
 
@@ -43,7 +42,7 @@ Launch = Callable[[Job], Process]
 
 @dataclass(frozen=True)
 class Progress:
-    """How a sweep stands; ``rate`` in steps/s over this session, None before its first update."""
+    """How they stand; ``rate`` in steps/s over this session, None before its first update."""
 
     done: int
     runs: int
@@ -57,20 +56,20 @@ class Progress:
         return self.steps_left / self.rate if self.rate else None
 
 
-def next_job(folder: SweepFolder, run: PlannedRun) -> Job | None:
+def next_job(folder: RunsFolder, run: Run) -> Job | None:
     """What ``run`` needs next; None when it is done, or has diverged for good."""
     state = folder.state(run)
     if state == "missing":
         return Job(run, "train")
     if state == "begun":
         return Job(run, "resume")
-    if state == "finished" and folder.sweep.spec.episodes and folder.evaluation(run) is None:
+    if state == "finished" and not folder.is_complete(run):
         return Job(run, "evaluate")
     return None
 
 
 class Work:
-    """A sweep being worked off, ``parallel`` runs at a time.
+    """Runs being worked off, ``parallel`` at a time.
 
     ``launch`` starts a job, ``say`` gets a sentence per event, ``show`` the progress every
     ``tick`` seconds.
@@ -78,7 +77,7 @@ class Work:
 
     def __init__(
         self,
-        folder: SweepFolder,
+        folder: RunsFolder,
         launch: Launch,
         parallel: int = 1,
         say: Callable[[str], None] = lambda words: None,
@@ -87,7 +86,7 @@ class Work:
     ) -> None:
         self.folder, self.launch, self.parallel = folder, launch, parallel
         self.say, self.show, self.tick = say, show, tick
-        self.runs = folder.sweep.runs()
+        self.runs = folder.runs
         self._steps = {run.name: folder.steps(run) for run in self.runs}
         self._waiting = deque(run for run in self.runs if next_job(folder, run))
         self._active: dict[str, tuple[Job, Process]] = {}
@@ -121,14 +120,14 @@ class Work:
         """How it stands now."""
         for name, (job, _) in self._active.items():
             self._steps[name] = self.folder.steps(job.run)
-        goal = self.folder.sweep.spec.steps
         open_runs = {run.name for run in self._waiting} | set(self._active)
+        goals = {run.name: run.config.learner.total_steps for run in self.runs}
         gained = sum(self._steps.values()) - self._first_steps
         elapsed = time.monotonic() - self._began
         return Progress(
             done=len(self.runs) - len(open_runs),
             runs=len(self.runs),
-            steps_left=sum(max(0, goal - self._steps[name]) for name in open_runs),
+            steps_left=sum(max(0, goals[name] - self._steps[name]) for name in open_runs),
             rate=gained / elapsed if gained > 0 and elapsed > 0 else None,
             active=tuple((job, self._steps[name]) for name, (job, _) in self._active.items()),
         )

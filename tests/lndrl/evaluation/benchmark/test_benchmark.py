@@ -33,6 +33,7 @@ from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import PlannerSource, planner_source
+from lndrl.policy import build_policy, policy_metadata, to_bytes
 
 SPEC = """
 scenarios: [hybrid, sparse]
@@ -122,6 +123,77 @@ def test_methods_without_weights_are_left_out_unless_they_are_named(spec: Path) 
     assert missing == ["lndrl"]
     with pytest.raises(UserError, match="method lndrl: runs/nowhere"):
         contenders(load_benchmark(spec), ["lndrl"])
+
+
+LEARNED = """
+scenarios: [sparse]
+methods:
+  small: {planner: runs/small}
+  oracle: {planner: runs/small, localization: perfect}
+  mine: {planner: runs/mine}
+"""
+
+
+def learned_bench(folder: Path, *settings: str) -> Path:
+    """A bench with ``small.yaml`` beside it and a policy, trained with ``settings`` over that."""
+    small = ["network.map_channels=[4,4,8]", "network.features=16", "network.goal_features=8"]
+    (folder / "configs").mkdir()
+    (folder / "configs/small.yaml").write_text(load_config(DEFAULT_CONFIG, small).to_yaml())
+    path = folder / "configs/bench.yaml"
+    path.write_text(LEARNED)
+    trained = load_config(folder / "configs/small.yaml", list(settings))
+    for run in ("small", "mine"):
+        (folder / "runs" / run).mkdir(parents=True)
+        blob = to_bytes(build_policy(trained), policy_metadata(trained, 0, 0))
+        (folder / "runs" / run / "policy.safetensors").write_bytes(blob)
+    return path
+
+
+def test_a_run_of_another_layout_than_its_methods_configuration_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = learned_bench(tmp_path, "network.variances=false", "ppo.gamma=0.5")
+    for command in ([], ["--methods", "oracle"]):
+        assert lndrl(["benchmark", "--spec", str(spec), "--episodes", "1", *command]) == 2
+        name = command[-1] if command else "small"
+        assert capsys.readouterr().err == (
+            f"lndrl: method {name}: runs/small: trained with no variances; "
+            "configs/small.yaml has variances\n"
+        )
+    assert not Path("results").exists()
+    # No file says how this one is trained: it is tested under its own layout.
+    found, _ = contenders(load_benchmark(spec), ["mine"], configs=spec.parent)
+    found[0].source.build(bench_config(found[0], "sparse", 0))
+
+
+def test_learning_settings_may_differ_from_the_methods_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = learned_bench(tmp_path, "ppo.gamma=0.5", "task.reward.pose=0", "seed=7")
+    found, _ = contenders(load_benchmark(spec), configs=spec.parent)
+    assert [each.name for each in found] == ["small", "oracle", "mine"]
+
+
+def test_a_laser_that_the_bench_has_not_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = learned_bench(tmp_path, "world.laser.range_max=30")
+    with pytest.raises(UserError, match=r"mine: .* a range of 30 m; the bench has a range of 12 m"):
+        contenders(load_benchmark(spec), ["mine"], configs=spec.parent)
+
+
+def test_a_methods_configuration_is_named_like_it_or_like_who_shares_its_run() -> None:
+    bench = load_benchmark()
+    files = {name: bench.config_of(name) for name in bench.methods}
+    named = {name: file.stem for name, file in files.items() if file is not None}
+    assert named == {
+        **{name: name for name in ("drl_laser", "drl_laser_ped", "lndrl")},
+        **{name: name for name in ("no_variance", "no_reward")},
+        "oracle": "lndrl",
+    }
 
 
 # -- the folder -----------------------------------------------------------------------------

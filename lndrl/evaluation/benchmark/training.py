@@ -1,0 +1,154 @@
+"""Training every learned method of the bench: which run each needs, and how far that is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lndrl.config import RunConfig, load_config
+from lndrl.errors import UserError
+from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
+from lndrl.evaluation.sweep import Run, RunsFolder, State
+from lndrl.planners.factory import RULES
+
+RUNS = "runs"
+
+# Where and how long a run works, not what it learns.
+_FREE: Any = {
+    "actor": {"count", "worlds", "threads", "precision"},
+    "learner": {
+        "total_steps", "threads", "device", "precision", "cuda_graphs", "checkpoint_interval",
+        "keep_checkpoints", "queue_chunks", "queue_megabytes",
+    },
+    "transport": True,
+}  # fmt: skip
+_LONGEST = 40  # characters of a value that a sentence can hold
+
+
+@dataclass(frozen=True)
+class MethodRun:
+    """The run ``runs/NAME`` of a method, trained with what ``file`` says."""
+
+    name: str
+    config: RunConfig
+    file: Path
+
+
+class MethodsFolder(RunsFolder):
+    """The runs of methods in ``path``/runs; what else is kept lies in runs/train-all."""
+
+    WORK = "lndrl train-all", "wait for its end"
+
+    def __init__(self, path: Path, runs: Sequence[MethodRun]) -> None:
+        super().__init__(path, runs, path / RUNS / "train-all")
+        self.methods = tuple(runs)
+
+    def state(self, run: Run) -> State:
+        """How far the run is, by its newest checkpoint: that is what would be tested."""
+        folder = self.run_path(run) / "checkpoints"
+        steps = [path.name.partition("-")[2] for path in folder.glob("step-*")]
+        known = [int(each) for each in steps if each.isdecimal()]
+        if not known:
+            return "missing"
+        return "finished" if max(known) >= run.config.learner.total_steps else "begun"
+
+    def newest(self, run: Run) -> Mapping[str, Any]:
+        """The run's newest row of metrics, empty before its first update."""
+        try:
+            rows = self.rows(run)
+        except UserError:  # its first line is being written
+            return {}
+        return rows[-1] if rows else {}
+
+    def check(self) -> None:
+        """Raise UserError for a run folder that was trained with something else, or is none."""
+        for run in self.methods:
+            folder = Path(RUNS, run.name)
+            path = self.run_path(run)
+            if self.state(run) == "missing":
+                if path.exists() and not (path / "run.json").is_file():
+                    raise UserError(f"{folder}: is no run folder of lndrl; move it away")
+                continue
+            difference = _difference(load_config(path / "config.yaml"), run.config)
+            if difference is not None:
+                key, kept, wanted = difference
+                raise UserError(
+                    f"{folder}: trained with {key} {kept}, {shown(run.file)} says {wanted}; "
+                    "move the folder away or leave the method out with --methods"
+                )
+
+
+def method_runs(
+    spec: BenchmarkSpec,
+    configs: Path,
+    wanted: Sequence[str] | None = None,
+    steps: int | None = None,
+    seed: int | None = None,
+) -> list[MethodRun]:
+    """Runs that the methods ``wanted`` need, by default all learned ones; each once.
+
+    ``steps`` and ``seed`` replace those of the configurations in ``configs``; a seed that is not a
+    method's own trains into ``runs/METHOD-seedN``. Raises UserError for an unknown method, one
+    that is a rule, and one whose run or configuration cannot be told.
+    """
+    learned = [name for name, method in spec.methods.items() if method.planner not in RULES]
+    runs: dict[str, MethodRun] = {}
+    for name in choose(list(spec.methods), wanted, "method") if wanted is not None else learned:
+        if name not in learned:
+            raise UserError(
+                f"method {name} is a rule, nothing to train; learned are: {', '.join(learned)}"
+            )
+        run = _method_run(spec, configs, name, steps, seed)
+        runs.setdefault(run.name, run)
+    if not runs:
+        raise UserError("the bench has no learned method, nothing to train")
+    return list(runs.values())
+
+
+def _method_run(
+    spec: BenchmarkSpec, configs: Path, name: str, steps: int | None, seed: int | None
+) -> MethodRun:
+    planner = Path(spec.methods[name].planner)
+    if planner.parent != Path(RUNS) or planner.is_file():
+        raise UserError(f"method {name}: planner {planner} is no folder {RUNS}/NAME to train into")
+    file = spec.config_of(name, configs)
+    if file is None:
+        raise UserError(f"method {name}: its configuration {configs / name}.yaml does not exist")
+    # Trained in the world of the bench: what it sets for tests holds in training, too.
+    settings = [*spec.set, *([] if steps is None else [f"learner.total_steps={steps}"])]
+    own = load_config(file, settings)
+    if seed is None or seed == own.seed:
+        return MethodRun(planner.name, own, file)
+    other = own.model_copy(update={"seed": seed})
+    return MethodRun(f"{planner.name}-seed{seed}", other, file)
+
+
+def _difference(kept: RunConfig, wanted: RunConfig) -> tuple[str, str, str] | None:
+    """The first key that decides what is learned and differs, with both values in words."""
+    one, two = _flat(kept), _flat(wanted)
+    for key in one:
+        if one[key] != two.get(key):
+            return key, _words(one[key]), _words(two.get(key))
+    return None
+
+
+def _flat(config: RunConfig) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+
+    def walk(data: Mapping[str, Any], prefix: str) -> None:
+        for key, value in data.items():
+            if isinstance(value, dict):
+                walk(value, f"{prefix}{key}.")
+            else:
+                flat[prefix + key] = value
+
+    walk(config.model_dump(mode="json", exclude=_FREE), "")
+    return flat
+
+
+def _words(value: Any) -> str:
+    words = json.dumps(value)
+    return words if len(words) <= _LONGEST else "something else"
