@@ -135,7 +135,7 @@ def test_it_turns_to_a_goal_at_the_side_and_behind(config: RunConfig, side: floa
 def test_it_passes_what_stands_in_the_way_on_the_free_side(config: RunConfig, side: float) -> None:
     blocked = (-0.1, 1.2) if side < 0 else (-1.2, 0.1)
     v, w = first_act(config, seen(config, (6.0, 0.0), blocked, at=1.0))
-    assert v == pytest.approx(0.6)
+    assert v > 0.3
     assert w * side > 0.3
 
 
