@@ -8,6 +8,7 @@ from pathlib import Path
 from threading import Event
 
 from learner.learner import Learner
+from learner.memory import keep_freed_memory
 from learner.record import RunSummary
 from learner.status import StatusThread
 from lndrl.config import RunConfig
@@ -37,6 +38,8 @@ def run_learner(
     if endpoint is not None:
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
+    # Before zenoh has threads: an arena that exists stays in use, and grows with every crowd.
+    keep_freed_memory()
     door = open_learner(config.transport, security=security)
     try:
         learner = Learner(config, path, door, resume, checkpoint, quiet)
