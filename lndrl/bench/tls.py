@@ -47,8 +47,8 @@ def measure(seconds: float) -> dict[str, Any]:
     Runs ``lndrl train`` as ``bench train`` does, certificates as ``lndrl certs`` makes them, until
     both have had ``12 * seconds`` of turns. ``cost`` is 1 - tls / plain, of the medians of the
     turns; ``cost_of_pairs`` is the same of every two neighbouring turns: median, least and most.
-    ``actors_lost`` counts actors that left and came again: they should not. Raises UserError when a run does
-    not get going.
+    ``actors_lost`` counts actors that left and came again: they should not. Raises UserError when
+    a run does not get going.
     """
     with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as place, ExitStack() as stack:
         certificates = Path(place) / "certs"
