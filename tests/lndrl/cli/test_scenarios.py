@@ -16,7 +16,7 @@ def test_all_are_listed(capsys) -> None:
     assert run(["scenarios"]) == 0
     said = capsys.readouterr().out
     assert all(name in said for name in NAMES)
-    assert "33 × 20" in said and "12–16" in said
+    assert "33 × 20" in said and "18–22" in said
 
 
 def test_the_list_as_json(capsys) -> None:

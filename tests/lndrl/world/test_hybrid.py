@@ -28,7 +28,7 @@ def room_between(place, a, b):
 
 def test_size_and_crowd(place):
     assert place.scenario.size == (33.0, 20.0)
-    assert place.scenario.pedestrians.count == (12, 16)
+    assert place.scenario.pedestrians.count == (18, 22)
     assert len(place.scenario.pedestrians.routes) >= 8
     assert place.scenario.start_goal_distance == (11.0, 13.0)
 

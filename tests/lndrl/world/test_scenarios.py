@@ -14,11 +14,11 @@ from lndrl.world import Place, World
 from lndrl.world.laser import Laser
 
 PAPER = {
-    "hybrid": ((33.0, 20.0), (12, 16)),
+    "hybrid": ((33.0, 20.0), (18, 22)),
     "sparse": ((33.0, 20.0), (4, 4)),
     "corridor": ((30.0, 20.0), (22, 22)),
     "hall": ((20.0, 20.0), (18, 18)),
-    "irregular": ((20.0, 20.0), (6, 10)),
+    "irregular": ((20.0, 20.0), (9, 13)),
 }
 
 

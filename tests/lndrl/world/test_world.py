@@ -59,7 +59,7 @@ def test_reset_draws_free_starts_at_the_scenarios_distance(place):
         assert all(place.room(*p) >= 0.3 for p in world.pedestrian_position)
         assert world.pedestrian_position.shape == (world.pedestrian_count, 2)
         assert world.leg_position.shape == (2 * world.pedestrian_count, 2)
-    assert counts <= set(range(12, 17)) and len(counts) == 5
+    assert counts <= set(range(18, 23)) and len(counts) == 5
     assert min(headings) < -2 and max(headings) > 2
     assert -np.pi <= min(headings) and max(headings) < np.pi
 
