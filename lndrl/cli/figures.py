@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.benchmark import RESULTS
+from lndrl.cli.options import check_picture
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -185,14 +186,8 @@ def _names(text: str) -> list[str]:
 def _check(episode: int, out: Path | None) -> None:
     if episode < 0:
         raise UserError(f"--episode {episode}: must be 0 or more")
-    if out is None:
-        return
-    if out.suffix.lower() != ".png":
-        raise UserError(f"--out {out}: must end in .png")
-    if not out.parent.is_dir():
-        raise UserError(f"--out {out}: folder {out.parent} does not exist")
-    if out.is_dir():
-        raise UserError(f"--out {out}: is a folder; name a file")
+    if out is not None:
+        check_picture(out)
 
 
 def _progress(total: int, title: str) -> AbstractContextManager[Advance]:

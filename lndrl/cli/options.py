@@ -118,3 +118,13 @@ def check_device(device: str) -> str:
     if not _DEVICE.fullmatch(device):
         raise UserError(f"--device {device}: not a device; write cpu, cuda, cuda:0 or auto")
     return device
+
+
+def check_picture(out: Path) -> None:
+    """Raises UserError unless ``--out`` can be a picture: a PNG in a folder that exists."""
+    if out.suffix.lower() != ".png":
+        raise UserError(f"--out {out}: must end in .png")
+    if not out.parent.is_dir():
+        raise UserError(f"--out {out}: folder {out.parent} does not exist")
+    if out.is_dir():
+        raise UserError(f"--out {out}: is a folder; name a file")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lndrl.cli.options import check_picture
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -165,12 +166,7 @@ def _check(name: str | None, out: Path | None, draw: Path | None) -> None:
     if out is not None:
         if name is None:
             raise UserError(f"--out {out}: name the scenario to draw, or use --draw FOLDER for all")
-        if out.suffix.lower() != ".png":
-            raise UserError(f"--out {out}: must end in .png")
-        if not out.parent.is_dir():
-            raise UserError(f"--out {out}: folder {out.parent} does not exist")
-        if out.is_dir():
-            raise UserError(f"--out {out}: is a folder; name a file")
+        check_picture(out)
     if draw is not None:
         if name is not None:
             raise UserError(f"--draw {draw} draws all; use --out FILE.png to draw {name}")

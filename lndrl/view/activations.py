@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lndrl.navigation.snapshot import WorldSnapshot
+from lndrl.view.axes import quiet
 from lndrl.view.palette import BLUE, INK, PAPER, SKY, SLATE
-from lndrl.view.trajectories import quiet
 from lndrl.view.world import (
     CLOSE_UP,
     View,

@@ -16,6 +16,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from lndrl.errors import UserError
+from lndrl.view.axes import quiet
 from lndrl.view.palette import (
     BLUE,
     INK,
@@ -23,7 +24,6 @@ from lndrl.view.palette import (
     OUTCOME,
     OUTCOME_WORD,
     PAPER,
-    SLATE,
     VERMILLION,
 )
 
@@ -202,13 +202,7 @@ def spread(heights: Sequence[float], gap: float, low: float, high: float) -> lis
 def dress(axes: Axes, name: str) -> None:
     """A panel as all curves have it: title on the left, quiet axes, steps with their unit."""
     axes.set_title(name, loc="left", size=10, color=INK, pad=5)
-    axes.grid(axis="y", color=SLATE, alpha=0.22, linewidth=0.7)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set(color=SLATE, linewidth=0.8)
-    axes.tick_params(colors=INK, labelsize=8.5, color=SLATE, length=3)
+    quiet(axes)
     axes.xaxis.set_major_formatter(FuncFormatter(_steps_label))
     axes.margins(x=0.01)
 

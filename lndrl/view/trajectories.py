@@ -16,6 +16,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from lndrl.view.axes import quiet
 from lndrl.view.palette import (
     BELIEF_DARK,
     BLUE,
@@ -205,17 +206,6 @@ def _draw_errors(
         quiet(axes)
     position.tick_params(labelbottom=False)
     angle.set_xlabel("time (s)", size=9, color=INK)
-
-
-def quiet(axes: Axes) -> None:
-    """A chart as all here have it: faint grid, two thin edges."""
-    axes.grid(axis="y", color=SLATE, alpha=0.22, linewidth=0.7)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set(color=SLATE, linewidth=0.8)
-    axes.tick_params(colors=INK, labelsize=8.5, color=SLATE, length=3)
 
 
 def _legend(outcomes: set[str]) -> list[Any]:
