@@ -84,7 +84,7 @@ class LearnerDesk:
         versions = {"program_version": VERSION, "protocol": PROTOCOL_VERSION}
         return to_json({**versions, "run_id": run_id})
 
-    def answer_chunk(self, data: bytes) -> bytes:
+    def answer_chunk(self, data: bytes) -> Ack:
         """Ack to an encoded chunk; malformed ones are refused here, handlers may block."""
         try:
             header, arrays = decode(data, ChunkHeader, limits=self.limits)
@@ -152,15 +152,13 @@ class LearnerDesk:
             raise RuntimeError("the learner has not started to answer")
         return self.handlers
 
-    def _stamped(self, ack: Ack) -> bytes:
+    def _stamped(self, ack: Ack) -> Ack:
         newest = self.announcement()
-        return encode(
-            dataclasses.replace(
-                ack,
-                weights_version=newest.version,
-                learner_incarnation=self.incarnation,
-                done=ack.done or newest.done,
-            )
+        return dataclasses.replace(
+            ack,
+            weights_version=newest.version,
+            learner_incarnation=self.incarnation,
+            done=ack.done or newest.done,
         )
 
 

@@ -240,7 +240,7 @@ class MemoryActor:
                 self.ledger.postpone(entry, POLL)
                 return
             with self._network.chunk_lock:
-                ack, _ = decode(desk.answer_chunk(entry.payload), Ack)
+                ack = desk.answer_chunk(entry.payload)
             self.ledger.settle(entry, ack)
 
     def _wait(self, look: Callable[[], Any], timeout: float) -> Any:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from typing import Any
 
 import zenoh
@@ -16,8 +17,9 @@ from lndrl.errors import UserError
 from lndrl.transport.desk import LearnerDesk, to_json
 from lndrl.transport.interface import LearnerHandlers
 from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
-from lndrl.transport.messages import NO_WEIGHTS, Limits, encode
+from lndrl.transport.messages import NO_WEIGHTS, Ack, Limits, encode
 from lndrl.transport.security import Security
+from lndrl.transport.uploads import UploadQueue
 from lndrl.transport.zenoh_session import (
     ExitGuard,
     UnreachableError,
@@ -30,48 +32,6 @@ CAPACITY = 4096
 ANNOUNCE_SECONDS = 1.0
 JOIN_SECONDS = 10.0
 logger = logging.getLogger(__name__)
-
-
-class UploadQueue:
-    """Uploads that wait for the handler, one per (actor, incarnation, sequence).
-
-    A chunk that was sent again replaces its older copy, so a long stall costs no memory, and
-    Zenoh's own channel never fills up, which would block the reception of everything else.
-    """
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._waiting: dict[str, zenoh.Query] = {}
-        self._closed = False
-
-    def put(self, query: zenoh.Query) -> None:
-        """Add an upload; a flood beyond any sensible number of actors is left unanswered."""
-        key = str(query.key_expr)
-        with self._changed:
-            older = self._waiting.get(key)
-            if self._closed or (older is None and len(self._waiting) >= CAPACITY):
-                query.drop()
-                return
-            self._waiting[key] = query
-            self._changed.notify()
-        if older is not None:
-            older.drop()
-
-    def get(self) -> zenoh.Query | None:
-        """The oldest upload; None when closed."""
-        with self._changed:
-            while not self._waiting and not self._closed:
-                self._changed.wait()
-            if self._closed:
-                return None
-            return self._waiting.pop(next(iter(self._waiting)))
-
-    def close(self) -> None:
-        """Wake up ``get`` and forget what waits; the actors still have it."""
-        with self._changed:
-            self._closed = True
-            self._waiting.clear()
-            self._changed.notify_all()
 
 
 class ZenohLearner:
@@ -87,7 +47,7 @@ class ZenohLearner:
         self.endpoint = config.endpoint
         self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20), run_id)
         self.incarnation = self._desk.incarnation
-        self._uploads = UploadQueue()
+        self._uploads = UploadQueue[zenoh.Query]()
         self._news = threading.Event()
         self._entities: list[Any] = []
         self._payload: tuple[int, zenoh.ZBytes] | None = None
@@ -154,8 +114,7 @@ class ZenohLearner:
         while (query := self._uploads.get()) is not None:
             with query:
                 try:
-                    answer = self._desk.answer_chunk(_bytes(query))
-                    query.reply(query.key_expr, answer)
+                    query.reply(query.key_expr, encode(self._answer_upload(query)))
                 except zenoh.ZError:
                     # The actor left or the session closes; an actor that lives sends again.
                     continue
@@ -163,8 +122,20 @@ class ZenohLearner:
                     # This thread is the only one that takes uploads in.
                     logger.exception("an upload could not be answered")
 
+    def _answer_upload(self, query: zenoh.Query) -> Ack:
+        status, began = "refused", time.thread_time()
+        try:
+            ack = self._desk.answer_chunk(_bytes(query))
+            status = ack.status
+            return ack
+        finally:
+            # Before the reply, which fails when the sender has left: that must not be cheaper.
+            self._uploads.settle(query, status, time.thread_time() - began)
+
     def _on_weights(self, query: zenoh.Query) -> None:
         with query:
+            if str(query.key_expr) != WEIGHTS:
+                return  # whoever asks everything there is does not want megabytes
             wanted = _bytes(query)[:20].decode("ascii", "replace")
             # What is no number asks for no version: its answer would be megabytes for nothing.
             number = int(wanted) if wanted.isdecimal() else NO_WEIGHTS

@@ -54,7 +54,7 @@ class Door:
         if message.kind == "hello":
             found, _ = decode(self.desk.answer_hello(message.payload), Welcome, Refusal)
             return found.KIND
-        ack, arrays = decode(self.desk.answer_chunk(message.payload), Ack)
+        ack, arrays = decode(encode(self.desk.answer_chunk(message.payload)), Ack)
         assert not arrays
         self.ingest.take(1, timeout=0.0)
         return ack.status
@@ -67,7 +67,7 @@ def aimed(message: Malformed) -> bool:
 def test_an_honest_upload_is_taken(config: RunConfig) -> None:
     door = Door(config)
     forger = Forger(config, "run", VERSION)
-    ack, _ = decode(door.desk.answer_chunk(forger.valid()), Ack)
+    ack, _ = decode(encode(door.desk.answer_chunk(forger.valid())), Ack)
     assert (ack.status, ack.reason) == ("accepted", "")
     welcome, _ = decode(door.desk.answer_hello(encode(forged_hello("a", "x"))), Welcome)
     assert welcome.run_id == "run"
@@ -89,7 +89,7 @@ def test_no_malformed_message_is_taken_or_raises(config: RunConfig, tmp_path: Pa
     assert taken == []
     assert answers["refused"] > MESSAGES / 3
     assert answers["refusal"] > MESSAGES / 20
-    valid, _ = decode(door.desk.answer_chunk(forger.valid()), Ack)
+    valid, _ = decode(encode(door.desk.answer_chunk(forger.valid())), Ack)
     assert valid.status == "accepted", "the door still works"
 
 
@@ -105,7 +105,7 @@ def test_the_material_repeats_by_seed_and_is_of_every_kind(config: RunConfig) ->
 @given(st.binary(max_size=300))
 def test_any_bytes_are_answered(data: bytes) -> None:
     door = DOORS.setdefault("door", Door(CONFIG))
-    assert decode(door.desk.answer_chunk(data), Ack)[0].status == "refused"
+    assert decode(encode(door.desk.answer_chunk(data)), Ack)[0].status == "refused"
     assert decode(door.desk.answer_hello(data), Refusal)[0].reason
 
 
@@ -133,7 +133,7 @@ def test_any_field_of_any_value_is_answered(name: str, value: Any) -> None:
         data = pack({"kind": "chunk", "body": header}, arrays)
     except MessageError:
         return
-    status = decode(door.desk.answer_chunk(data), Ack)[0].status
+    status = decode(encode(door.desk.answer_chunk(data)), Ack)[0].status
     door.ingest.take(1, timeout=0.0)
     assert status in ("accepted", "duplicate", "refused", "pause")
 
@@ -145,7 +145,7 @@ def test_any_flipped_bits_of_an_upload_are_answered(seed: int, data: st.DataObje
     payload = bytearray(WHOLE)
     for place in data.draw(st.lists(st.integers(0, len(payload) * 8 - 1), min_size=1, max_size=6)):
         payload[place // 8] ^= 1 << place % 8
-    decode(door.desk.answer_chunk(bytes(payload)), Ack)
+    decode(encode(door.desk.answer_chunk(bytes(payload))), Ack)
     door.ingest.take(1, timeout=0.0)
 
 

@@ -239,7 +239,7 @@ def test_malformed_uploads_are_counted_and_answered(data: bytes, cut: int, seed:
     good = bytearray(encode(header(), random_trajectory(ingest.config, seed).to_arrays()))
     at = cut % len(good)
     broken = bytes(good[:at]) + data
-    ack, _ = decode(DESK[1].answer_chunk(broken), Ack)
+    ack, _ = decode(encode(DESK[1].answer_chunk(broken)), Ack)
     assert ack.status == "refused" and ack.reason != "learner_error"
     assert ingest.answers["refused"] == before + 1
     assert len(ingest.events.recent()) <= 50

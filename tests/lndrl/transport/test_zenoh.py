@@ -260,6 +260,7 @@ def test_what_asks_for_no_version_gets_no_weights():
             assert sample is not None and sample.attachment is not None
             sizes[payload] = len(sample.payload.to_bytes())
         assert {payload for payload, size in sizes.items() if size} == {b"", b"3"}
+        assert session.query(f"{WEIGHTS}/**", timeout=1.0) is None
     finally:
         session.close()
         learner.close()
@@ -271,7 +272,7 @@ def test_an_upload_that_breaks_the_desk_is_not_the_last():
     learner, actor = open_learner(config), open_actor(config.endpoint, config)
     right, broken = learner._desk.answer_chunk, [True]
 
-    def answer(data: bytes) -> bytes:
+    def answer(data: bytes) -> Ack:
         if broken:
             broken.pop()
             raise RuntimeError("a bug")
