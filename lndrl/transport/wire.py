@@ -138,12 +138,12 @@ def _read_head(view: memoryview, limits: Limits) -> tuple[dict[str, Any], list[A
         head = msgpack.unpackb(view, ext_hook=_refuse_extension, max_ext_len=0)
     except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException) as error:
         raise MessageError(f"head is not msgpack: {error}") from None
-    _check_plain(head, 0)
     if not isinstance(head, list) or len(head) != 2:
         raise MessageError("head must be [header, table]")
     header, table = head
     if not isinstance(header, dict) or not isinstance(table, list):
         raise MessageError("head must hold a map and a list")
+    _check_nesting(header, 1)
     if len(table) > limits.max_arrays:
         raise MessageError(f"{len(table)} arrays exceed {limits.max_arrays}")
     return header, table
@@ -153,19 +153,17 @@ def _refuse_extension(code: int, _data: bytes) -> Any:
     raise ValueError(f"extension type {code} is not allowed")
 
 
-def _check_plain(value: Any, depth: int) -> None:
+def _check_nesting(value: dict[Any, Any] | list[Any], depth: int) -> None:
+    """Text for keys, and not too deep; without extensions all else that msgpack has is plain."""
     if depth > MAX_DEPTH:
         raise MessageError("head is nested too deeply")
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            if not isinstance(key, str):
+    if type(value) is dict:
+        for key in value:
+            if type(key) is not str:
                 raise MessageError("keys of the head must be text")
-            _check_plain(inner, depth + 1)
-    elif isinstance(value, list):
-        for inner in value:
-            _check_plain(inner, depth + 1)
-    elif not (value is None or isinstance(value, (bool, int, float, str, bytes))):
-        raise MessageError(f"head holds a {type(value).__name__}")
+    for inner in value.values() if type(value) is dict else value:
+        if type(inner) is dict or type(inner) is list:
+            _check_nesting(inner, depth + 1)
 
 
 def _read_row(row: Any) -> tuple[str, np.dtype[Any], tuple[int, ...], int]:
