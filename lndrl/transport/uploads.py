@@ -21,8 +21,8 @@ PER_STRANGER = 32
 STRANGERS_BYTES = 512 * 2**20
 """Of all uploads together that wait in the strangers' lane."""
 
-REFUSING = 0.01
-"""Share of a core for the thread that refuses; zenoh's own threads take about twice as much."""
+REFUSING = 0.02
+"""Share of a core for the thread that refuses; receiving and answering take about as much again."""
 
 
 class Upload(Protocol):
@@ -76,7 +76,8 @@ class UploadQueue(Generic[U]):
             if not trusted:
                 self._strangers_count += older is None
                 self._strangers_bytes += _size(upload) - _size(older)
-            self._changed.notify()
+            if trusted or self._strangers_count == 1 or self._clock() >= self._open_at:
+                self._changed.notify()  # else ``get`` knows when it goes on
         if older is not None:
             older.drop()
 
