@@ -6,7 +6,7 @@ from lndrl.navigation.actions import action_table
 from lndrl.navigation.episode import EpisodeRecord, Outcome
 from lndrl.navigation.navigation import Navigation, Transition, build_surroundings
 from lndrl.navigation.observation import Observation, dequantise, quantise
-from lndrl.navigation.pedestrian_map import draw_pedestrian_map, paint, pedestrian_cells
+from lndrl.navigation.pedestrian_map import draw_pedestrian_map, pedestrian_cells
 from lndrl.navigation.render import render_snapshot
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.navigation.snapshot import WorldSnapshot
@@ -27,7 +27,6 @@ __all__ = [
     "quantise",
     "dequantise",
     "draw_pedestrian_map",
-    "paint",
     "pedestrian_cells",
     "action_table",
     "REWARD_PARTS",

@@ -59,16 +59,6 @@ def _paint(pedestrians, count, cells, extent, radius, out, found):
 
 
 @njit(cache=True, nogil=True)
-def paint(pedestrians, count, cells, extent, radius, out):
-    """Draw one map: ``pedestrians`` (P, 4) near to far, the first ``count`` valid.
-
-    ``cells`` per side, ``extent`` in metres per side, ``radius`` in metres; ``out`` is
-    (3, cells, cells) and is overwritten whole. For calls inside other kernels.
-    """
-    _paint(pedestrians, count, cells, extent, radius, out, np.empty(cells * cells, np.int32))
-
-
-@njit(cache=True, nogil=True)
 def _paint_many(pedestrians, count, cells, extent, radius, out):
     found = np.empty(cells * cells, np.int32)
     for n in range(pedestrians.shape[0]):

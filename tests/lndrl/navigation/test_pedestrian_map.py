@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lndrl.config import TaskConfig
-from lndrl.navigation.pedestrian_map import draw_pedestrian_map, paint, pedestrian_cells
+from lndrl.navigation.pedestrian_map import draw_pedestrian_map, pedestrian_cells
 
 TASK = TaskConfig()
 
@@ -106,10 +106,3 @@ def test_any_leading_shape_and_reused_output() -> None:
     np.testing.assert_array_equal(one, flat[0])
     with pytest.raises(ValueError, match="contiguous"):
         draw_pedestrian_map(people, count, TASK, out=np.empty((12, 3, 48, 48), np.float32)[::2])
-
-
-def test_paint_draws_one_map() -> None:
-    people, count = random_people(4, 1, 3.0)
-    out = np.full((3, 48, 48), 5.0, np.float32)
-    paint(people[0], int(count[0]), 48, 6.0, 0.3, out)
-    np.testing.assert_array_equal(out, draw_pedestrian_map(people, count, TASK)[0])
