@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.benchmark import RESULTS
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
     from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Row
     from lndrl.navigation import EpisodeRecord
-
-RESULTS = Path("results")
 
 
 def calibrate(
