@@ -19,6 +19,7 @@ _RHYTHM = 8  # chunks that tell the rhythm
 _SLACK = 60.0  # s of activity that a chunk may report beyond the time since the one before
 _TIMINGS = 4096  # chunks whose timing is remembered, of each actor
 _MEMBERS = 2048
+_REMEMBERED = 600.0  # s that somebody who left without delivering anything stays in the table
 _LONGEST_HOST = 64  # letters
 _LIVES = 8  # incarnations of one actor whose sequences are remembered
 _LATE = 2  # chunks of a vanished actor that may have been on their way
@@ -38,6 +39,7 @@ class Member:
     alive: bool = True
     retired: bool = False  # taken away on purpose: nobody need worry
     joined: float = field(default_factory=lambda: time.monotonic())
+    left: float = field(default_factory=lambda: time.monotonic())  # where it is gone
     last_ack: float | None = None  # monotonic s
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_RHYTHM))  # s
     late: int = 0  # chunks that came since it vanished
@@ -116,7 +118,8 @@ class Member:
 class Roster:
     """Thread-safe table of actors with the accepted sequences of their incarnations.
 
-    Bounded: beyond ``most`` actors, one that is gone or never delivered anything is forgotten.
+    Bounded: who leaves without delivering anything is forgotten after a while, and beyond ``most``
+    actors, one that is gone or never delivered anything.
     """
 
     def __init__(self, most: int = _MEMBERS) -> None:
@@ -162,6 +165,7 @@ class Roster:
             if member is None or member.incarnation != incarnation or member.alive == alive:
                 return False
             member.alive, member.late = alive, 0
+            member.left = time.monotonic()
             return True
 
     def is_known(self, actor_id: str, incarnation: str, sequence: int) -> bool:
@@ -288,11 +292,18 @@ class Roster:
     def _member(self, actor_id: str) -> Member | None:
         """The actor's row, a new one where there is none yet and room for it."""
         if actor_id not in self._members:
+            self._forget_idle()
             if len(self._members) >= self._most and not self._forget_one():
                 return None
             self._members[actor_id] = Member(actor_id, self._next_index)
             self._next_index += 1
         return self._members[actor_id]
+
+    def _forget_idle(self) -> None:
+        before = time.monotonic() - _REMEMBERED
+        for member in list(self._members.values()):
+            if not member.alive and not member.lives and member.left < before:
+                del self._members[member.actor_id]
 
     def _forget_one(self) -> bool:
         free = [m for m in self._members.values() if not (m.alive and m.lives)]

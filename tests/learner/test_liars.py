@@ -15,7 +15,7 @@ from test_ingest import header, hello, make_ingest, send
 
 from learner.batch import assemble
 from learner.ingest import Ingest
-from learner.roster import _LIVES, Roster
+from learner.roster import _LIVES, _REMEMBERED, Roster
 from learner.sequences import _WINDOW, Sequences
 from learner.update import PPO
 from lndrl.navigation import Trajectory
@@ -176,6 +176,35 @@ def test_hellos_in_an_actors_name_do_not_make_it_forget() -> None:
     for n in range(100):
         ingest.on_hello(hello(incarnation=f"liar-{n}"))
     assert send(ingest, sequence=1).status == "duplicate"
+
+
+def test_who_leaves_without_delivering_is_forgotten_after_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Crowds that come and go must not fill the memory, nor the dashboard's table."""
+    now = [1000.0]
+    monkeypatch.setattr("learner.roster.time.monotonic", lambda: now[0])
+    roster = Roster()
+
+    def crowd(name: str) -> None:
+        for number in range(20):
+            roster.join(f"{name}-{number}", "life", "host", 1, 1)
+
+    roster.join("honest", "life", "host", 1, 1)
+    roster.accepted("honest", "life", 1, steps=4, version=0, timing={})
+    crowd("first")
+    for number in range(1, 20):
+        roster.gone(f"first-{number}", "life", False)
+    roster.gone("honest", "life", False)
+    crowd("second")
+    assert roster.counts() == (21, 41)
+    now[0] += _REMEMBERED - 1.0
+    roster.gone("first-0", "life", False)
+    now[0] += 2.0
+    roster.join("newcomer", "life", "host", 1, 1)
+    here = {row["id"] for row in roster.rows(0)}
+    assert here == {"honest", "first-0", "newcomer", *(f"second-{n}" for n in range(20))}
+    assert roster.is_known("honest", "life", 1)
 
 
 def test_memory_of_lives_and_actors_is_bounded() -> None:
