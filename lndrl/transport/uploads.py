@@ -101,7 +101,7 @@ class UploadQueue(Generic[U]):
                 self._trust(sender)
             elif status == "refused":
                 self._distrust(sender)
-                self._open_at = self._clock() + seconds / REFUSING
+                self._open_at = max(self._open_at, self._clock()) + seconds / REFUSING
 
     def close(self) -> None:
         """Wake up ``get`` and forget what waits; the actors still have it."""

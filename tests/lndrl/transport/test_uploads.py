@@ -103,6 +103,14 @@ def test_refusing_takes_no_more_than_its_share():
     assert spent / (room.queue._open_at - began) == pytest.approx(REFUSING, rel=0.1)
 
 
+def test_a_cheap_refusal_does_not_pay_for_a_dear_one():
+    room = Room()
+    room.answer("honest", "accepted")
+    room.answer("liar", "refused", seconds=1.0)
+    room.answer("honest", "refused", seconds=0.001)
+    assert room.queue._open_at - room.now == pytest.approx(1.001 / REFUSING)
+
+
 def test_a_refusal_costs_the_trust_and_what_waits_goes_to_the_other_lane():
     room = Room()
     room.answer("turncoat", "accepted")
