@@ -67,7 +67,7 @@ class UploadQueue(Generic[U]):
             trusted = sender in self._trusted
             lane = self._known if trusted else self._strangers.setdefault(sender, {})
             older = lane.get(key)
-            if self._closed or (older is None and not self._has_room(lane, trusted, upload)):
+            if self._closed or not self._has_room(lane, trusted, upload, older):
                 upload.drop()
                 if not lane and not trusted:
                     del self._strangers[sender]
@@ -111,14 +111,12 @@ class UploadQueue(Generic[U]):
             self._strangers.clear()
             self._changed.notify_all()
 
-    def _has_room(self, lane: dict[str, U], trusted: bool, upload: U) -> bool:
+    def _has_room(self, lane: dict[str, U], trusted: bool, upload: U, older: U | None) -> bool:
         if trusted:
-            return len(self._known) < CAPACITY
-        return (
-            len(lane) < PER_STRANGER
-            and self._strangers_count < CAPACITY
-            and self._strangers_bytes + _size(upload) <= STRANGERS_BYTES
-        )
+            return older is not None or len(self._known) < CAPACITY
+        if older is None and (len(lane) >= PER_STRANGER or self._strangers_count >= CAPACITY):
+            return False
+        return self._strangers_bytes + _size(upload) - _size(older) <= STRANGERS_BYTES
 
     def _next_stranger(self) -> U:
         sender = next(iter(self._strangers))

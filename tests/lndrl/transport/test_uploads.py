@@ -155,6 +155,8 @@ def test_neither_many_strangers_nor_large_uploads_fill_the_memory(
     other = Room()
     assert not other.put("a", 1, bytes(60)).dropped
     assert other.put("b", 1, bytes(60)).dropped
+    assert not other.put("a", 1, bytes(90)).dropped
+    assert other.put("a", 1, bytes(110)).dropped
     assert other.get() == "a 1"
     assert not other.put("b", 1, bytes(60)).dropped
 
