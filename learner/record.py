@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -128,6 +129,21 @@ class Recorder:
         if not self._board_refused:
             self._board_refused = True
             self._on_change("tensorboard/", error)
+
+
+def quiet_tensorboard() -> None:
+    """Keep TensorBoard's own thread from printing a traceback when the disk refuses.
+
+    For the whole process. The Recorder hears of it anyway, and says so in a line.
+    """
+    usual = threading.excepthook
+
+    def hook(what: threading.ExceptHookArgs) -> None:
+        theirs = type(what.thread).__module__.partition(".")[0] == "tensorboard"
+        if not (theirs and isinstance(what.exc_value, OSError)):
+            usual(what)
+
+    threading.excepthook = hook
 
 
 def _cut(path: Path, updates: int) -> None:

@@ -9,7 +9,7 @@ from threading import Event
 
 from learner.learner import Learner
 from learner.memory import keep_freed_memory
-from learner.record import RunSummary
+from learner.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
 from lndrl.config import RunConfig
 from lndrl.transport import Security, open_learner
@@ -40,6 +40,7 @@ def run_learner(
         config = config.model_copy(update={"transport": transport})
     # Before zenoh has threads: an arena that exists stays in use, and grows with every crowd.
     keep_freed_memory()
+    quiet_tensorboard()
     door = open_learner(config.transport, security=security)
     try:
         learner = Learner(config, path, door, resume, checkpoint, quiet)

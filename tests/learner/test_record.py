@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 
 import pytest
 
-from learner.record import Recorder
+from learner.record import Recorder, quiet_tensorboard
 from lndrl.view.metrics import read_metrics
 
 
@@ -87,3 +88,27 @@ def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path) -> None:
     recorder.add(row(6))
     recorder.close()
     assert set(said) == {"metrics.jsonl", "tensorboard/"}
+
+
+def test_only_tensorboards_own_thread_is_quiet_about_the_disk(monkeypatch) -> None:
+    told: list[threading.ExceptHookArgs] = []
+    monkeypatch.setattr(threading, "excepthook", told.append)
+    quiet_tensorboard()
+
+    class Writer(threading.Thread):
+        """As TensorBoard's."""
+
+        def run(self) -> None:
+            raise error
+
+    for module, error, is_told in (
+        ("tensorboard.summary", OSError("the disk is full"), False),
+        ("tensorboard.summary", ValueError("a bug"), True),
+        ("tensorboards", OSError("the disk is full"), True),
+    ):
+        Writer.__module__ = module
+        thread = Writer()
+        thread.start()
+        thread.join()
+        assert [what.exc_value for what in told] == [error] * is_told
+        told.clear()
