@@ -21,6 +21,7 @@ FLOORS = {
     "lndrl.world": 1,
     "lndrl.localization": 1,
     "lndrl.transport": 1,
+    "lndrl.doctor": 2,
     "lndrl.navigation": 2,
     "lndrl.policy": 3,
     "lndrl.planners": 3,
@@ -47,7 +48,7 @@ LIBRARIES = {
         "lndrl.bench",
         "lndrl.cli",
     },
-    "zenoh": {"lndrl.transport"},
+    "zenoh": {"lndrl.transport", "lndrl.doctor"},
     "typer": {"lndrl.cli"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}

@@ -13,7 +13,7 @@ import typer
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
-    from lndrl.transport.probes import Check
+    from lndrl.doctor import Check
 
 _STYLES = {"ok": "green", "failed": "bold red", "skipped": "dim"}
 # Read where no --password-file is given, for services that get their secrets this way.
@@ -63,8 +63,8 @@ def doctor(
     Tries name, port, TLS, certificates, user, versions and every permission of the role, one
     after another. Exit code 0: all is right, 1: something failed. It disturbs no training.
     """
+    from lndrl.doctor import Target, diagnose
     from lndrl.transport.access import ROLES
-    from lndrl.transport.diagnosis import Target, diagnose
 
     if role is not None and role not in ROLES:
         raise UserError(f"--role {role}: unknown; write {', '.join(ROLES)}")

@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
+from lndrl import doctor
 from lndrl.cli import main as command_line
-from lndrl.transport import diagnosis, free_endpoint
+from lndrl.doctor import Check
+from lndrl.transport import free_endpoint
 from lndrl.transport.certificates import create
-from lndrl.transport.probes import Check
 
 
 @pytest.fixture
@@ -21,12 +22,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What the diagnosis was asked, with one answer of each kind."""
     targets: list[Any] = []
 
-    def diagnose(target: diagnosis.Target) -> Iterator[Check]:
+    def diagnose(target: doctor.Target) -> Iterator[Check]:
         targets.append(target)
         yield Check("endpoint", "ok", "reads right")
         yield Check("actor: session", "skipped", "no [red]wonder[/red] " + "x" * 100)
 
-    monkeypatch.setattr(diagnosis, "diagnose", diagnose)
+    monkeypatch.setattr(doctor, "diagnose", diagnose)
     return targets
 
 

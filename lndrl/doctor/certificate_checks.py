@@ -10,9 +10,9 @@ from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 from cryptography.x509.oid import NameOID
 
+from lndrl.doctor.probes import FAILED, OK, Check
 from lndrl.errors import UserError
 from lndrl.transport.certificates import ROLES, common_name, load_certificate
-from lndrl.transport.probes import FAILED, OK, Check
 
 SOON = timedelta(days=30)
 

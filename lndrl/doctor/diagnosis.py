@@ -17,12 +17,8 @@ from typing import Any
 
 import zenoh
 
-from lndrl.errors import UserError
-from lndrl.transport.access import ROLES, role_of
-from lndrl.transport.keys import PING
-from lndrl.transport.messages import PROTOCOL_VERSION
-from lndrl.transport.permissions import ANSWER_SECONDS, check_operations, operations_of
-from lndrl.transport.probes import (
+from lndrl.doctor.permissions import ANSWER_SECONDS, check_operations, operations_of
+from lndrl.doctor.probes import (
     FAILED,
     OK,
     SKIPPED,
@@ -34,6 +30,10 @@ from lndrl.transport.probes import (
     parse_address,
     speaks_tls,
 )
+from lndrl.errors import UserError
+from lndrl.transport.access import ROLES, role_of
+from lndrl.transport.keys import PING
+from lndrl.transport.messages import PROTOCOL_VERSION
 from lndrl.transport.security import Security, settings
 from lndrl.transport.zenoh_session import UnreachableError, ZenohSession, open_session
 from lndrl.version import VERSION
@@ -114,7 +114,7 @@ def _roles(target: Target) -> tuple[str | None, ...]:
     if wanted is not None:
         return (wanted,)
     if target.certificates is not None:
-        from lndrl.transport.certificate_checks import roles_in
+        from lndrl.doctor.certificate_checks import roles_in
 
         return roles_in(target.certificates) or (None,)
     return (None,)
@@ -123,7 +123,7 @@ def _roles(target: Target) -> tuple[str | None, ...]:
 def _diagnose_role(address: Address, target: Target, reached: bool) -> Iterator[Check]:
     fits = False
     if target.certificates is not None:
-        from lndrl.transport.certificate_checks import check_files
+        from lndrl.doctor.certificate_checks import check_files
 
         found, fits = check_files(target.certificates, target.role)
         yield found

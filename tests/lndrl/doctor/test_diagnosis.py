@@ -12,21 +12,21 @@ import pytest
 import zenoh
 
 from lndrl.config import TransportConfig
+from lndrl.doctor import diagnosis as doctor
+from lndrl.doctor.diagnosis import Target, diagnose
+from lndrl.doctor.permissions import OPERATIONS
+from lndrl.doctor.probes import Address, Check, check_name, check_port, parse_address
 from lndrl.errors import UserError
 from lndrl.transport import (
     certificates,
     free_endpoint,
     open_learner,
 )
-from lndrl.transport import diagnosis as doctor
 from lndrl.transport.access import ROLES
-from lndrl.transport.diagnosis import Target, diagnose
 from lndrl.transport.keys import PING, STATUS
-from lndrl.transport.permissions import OPERATIONS
-from lndrl.transport.probes import Address, Check, check_name, check_port, parse_address
 from lndrl.transport.zenoh_session import open_session
 from lndrl.version import VERSION
-from tests.lndrl.transport.examined import (
+from tests.lndrl.doctor.examined import (
     ALL_KEYS,
     PONG,
     access,

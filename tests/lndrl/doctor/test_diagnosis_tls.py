@@ -14,7 +14,7 @@ from lndrl.transport import (
     free_endpoint,
 )
 from lndrl.transport.certificates import create, renew
-from tests.lndrl.transport.examined import examine, failed, learner, mutual
+from tests.lndrl.doctor.examined import examine, failed, learner, mutual
 
 NOW = datetime.now(UTC)
 

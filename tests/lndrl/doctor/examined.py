@@ -11,15 +11,15 @@ from typing import Any
 
 import zenoh
 
+from lndrl.doctor.diagnosis import Target, diagnose
+from lndrl.doctor.probes import Check
 from lndrl.transport import (
     PROTOCOL_VERSION,
     WeightsAnnouncement,
     free_endpoint,
 )
-from lndrl.transport.diagnosis import Target, diagnose
 from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import encode
-from lndrl.transport.probes import Check
 from lndrl.transport.zenoh_session import open_session
 from lndrl.version import VERSION
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import zenoh
 
+from lndrl.doctor.probes import FAILED, OK, SKIPPED, Check
 from lndrl.transport.access import EVERY_UPLOAD, RIGHTS, ROLES, Right
 from lndrl.transport.keys import ANNOUNCE, PING, PREFIX, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import NO_WEIGHTS, MessageError, WeightsAnnouncement, decode
-from lndrl.transport.probes import FAILED, OK, SKIPPED, Check
 from lndrl.transport.zenoh_session import ZenohSession, first_answer
 
 ANSWER_SECONDS = 3.0

@@ -7,13 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from lndrl.transport import diagnosis as doctor
-from lndrl.transport import (
-    permissions,
-    probes,
-)
+from lndrl.doctor import diagnosis, permissions, probes
 from lndrl.transport.certificates import create
-from tests.lndrl.transport.examined import learner, mutual
+from tests.lndrl.doctor.examined import learner, mutual
 
 
 @pytest.fixture(scope="module")
@@ -52,5 +48,5 @@ def standing(folder: Path) -> Iterator[str]:
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """Short waits for what does not come."""
     monkeypatch.setattr(permissions, "HEARING_SECONDS", 0.7)
-    monkeypatch.setattr(doctor, "TLS_SECONDS", 0.3)
+    monkeypatch.setattr(diagnosis, "TLS_SECONDS", 0.3)
     monkeypatch.setattr(probes, "REFUSAL_SECONDS", 0.1)
