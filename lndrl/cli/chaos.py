@@ -38,7 +38,7 @@ def chaos(
         typer.Option(min=1, metavar="N", help="No faults, but N malformed messages and files."),
     ] = None,
     rate: Annotated[
-        float, typer.Option(min=1.0, metavar="R", help="With --fuzz: messages per second.")
+        float, typer.Option(min=1.0, metavar="R", help="With --fuzz: messages per second, at most.")
     ] = 250.0,
     folder: Annotated[
         Path | None,
