@@ -21,8 +21,8 @@ PER_STRANGER = 32
 STRANGERS_BYTES = 512 * 2**20
 """Of all uploads together that wait in the strangers' lane."""
 
-REFUSING = 0.02
-"""Share of a core for the thread that refuses; receiving and answering take about as much again."""
+REFUSING = 0.012
+"""Share of a core for the thread that refuses; receiving and answering take up to twice as much."""
 
 
 class Upload(Protocol):
