@@ -40,11 +40,11 @@ def test_nothing_is_lost_in_a_short_chaos(tmp_path: Path) -> None:
 
 
 def test_a_learner_survives_malformed_messages(tmp_path: Path) -> None:
-    report = run_fuzz(600, 1, 400.0, tmp_path)  # sent at the lowest priority: slow among tests
+    report = run_fuzz(240, 1, 400.0, tmp_path)  # sent at the lowest priority: slow among tests
     found = report.to_dict()
     assert found["crashes"] == 0, found
-    assert found["messages"] == 600
-    assert found["refused"] > 300
+    assert found["messages"] == 240
+    assert found["refused"] > 120
     assert found["taken_wrongly"] == 0, found
     assert {"upload", "hello", "weights", "status", "actors"} <= set(found["messages_by_kind"])
 
