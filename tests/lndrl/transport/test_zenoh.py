@@ -247,6 +247,29 @@ def test_garbage_is_refused_and_the_learner_lives_on():
         learner.close()
 
 
+def test_whoever_sent_garbage_waits_and_an_actor_that_works_does_not(monkeypatch):
+    monkeypatch.setattr("lndrl.transport.uploads.REFUSING", 1e-9)
+    config = settings()
+    handlers = CountingHandlers()
+    learner, actor = open_learner(config), open_actor(config.endpoint, config)
+    stranger = open_connecting(config.endpoint, config, 5)
+    try:
+        learner.start(handlers)
+        actor.hello(HELLO, 5)
+        send(actor, 1)
+        assert actor.flush(5)
+        answer = stranger.query(f"{UPLOAD}/x/y/1", b"garbage", 5)
+        assert decode(answer.payload.to_bytes(), Ack)[0].status == "refused"
+        assert stranger.query(f"{UPLOAD}/x/y/2", b"garbage", 0.5) is None
+        send(actor, 2)
+        assert actor.flush(5)
+        assert handlers.sequences == [1, 2]
+    finally:
+        stranger.close()
+        actor.close()
+        learner.close()
+
+
 def test_what_asks_for_no_version_gets_no_weights():
     config = settings()
     learner = open_learner(config)
