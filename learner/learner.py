@@ -25,7 +25,7 @@ from learner.events import EventLog
 from learner.folder import RunFolder
 from learner.ingest import Chunk, Ingest
 from learner.ledger import Ledger
-from learner.memory import keep_freed_memory
+from learner.memory import MemoryTide, keep_freed_memory
 from learner.record import EpisodeWindow, Recorder, RunSummary
 from learner.rollout_store import RolloutStore
 from learner.roster import Roster
@@ -99,6 +99,7 @@ class Learner:
         self.history: list[dict[str, Any]] = []
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
+        self._memory = MemoryTide()
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
         self._failures = 0
@@ -130,6 +131,7 @@ class Learner:
 
         Raises UserError when several batches in a row made it diverge.
         """
+        self._memory.turn()
         with self.split.during("wait"):
             chunks = self._collect(timeout)
         if chunks is None:

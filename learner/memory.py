@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
+import time
+from collections.abc import Callable
 
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_MAX = -4
@@ -17,12 +19,47 @@ def keep_freed_memory() -> bool:
     comes fresh from the kernel, and a third of the time goes into page faults. Returns whether
     the setting took; other C libraries are left alone.
     """
-    if not sys.platform.startswith("linux"):
-        return False
-    try:
-        mallopt = ctypes.CDLL("libc.so.6").mallopt
-    except (OSError, AttributeError):
+    library = _glibc()
+    if library is None:
         return False
     # One arena: the arenas of threads are mapped in small pieces and given back all the same.
     settings = ((_M_MMAP_MAX, 0), (_M_TRIM_THRESHOLD, -1), (_M_ARENA_MAX, 1))
-    return all([bool(mallopt(option, value)) for option, value in settings])
+    return all([bool(library.mallopt(option, value)) for option, value in settings])
+
+
+def return_freed_memory() -> bool:
+    """Give back to the system what is free now, wherever it lies; returns whether there was any.
+
+    Takes milliseconds, and the next update's page faults once.
+    """
+    library = _glibc()
+    return library is not None and bool(library.malloc_trim(0))
+
+
+class MemoryTide:
+    """Returns freed memory every ``interval`` s, so that what one peak took is not held for ever.
+
+    Where freed memory is kept, a crowd of actors that came and went leaves its buffers behind.
+    """
+
+    def __init__(self, interval: float = 60.0, clock: Callable[[], float] = time.monotonic) -> None:
+        self._interval = interval
+        self._clock = clock
+        self._last = clock()
+
+    def turn(self) -> bool:
+        """Call it often, where nothing large is allocated; whether memory was returned now."""
+        if self._clock() - self._last < self._interval:
+            return False
+        self._last = self._clock()
+        return return_freed_memory()
+
+
+def _glibc() -> ctypes.CDLL | None:
+    if not sys.platform.startswith("linux"):
+        return None
+    try:
+        library = ctypes.CDLL("libc.so.6")
+        return library if library.mallopt and library.malloc_trim else None
+    except (OSError, AttributeError):
+        return None
