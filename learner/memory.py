@@ -8,8 +8,11 @@ import time
 from collections.abc import Callable
 
 _M_TRIM_THRESHOLD = -1
+_M_TOP_PAD = -2
 _M_MMAP_MAX = -4
-_M_ARENA_MAX = -8
+
+_HEAP = 64 * 2**20
+"""Bytes of the pieces that arenas of threads are made of; a pad as large keeps an empty one."""
 
 
 def keep_freed_memory() -> bool:
@@ -22,8 +25,9 @@ def keep_freed_memory() -> bool:
     library = _glibc()
     if library is None:
         return False
-    # One arena: the arenas of threads are mapped in small pieces and given back all the same.
-    settings = ((_M_MMAP_MAX, 0), (_M_TRIM_THRESHOLD, -1), (_M_ARENA_MAX, 1))
+    # Not one arena for all: what zenoh's threads leave behind would lie among the activations,
+    # which touch it again as soon as it was given back.
+    settings = ((_M_MMAP_MAX, 0), (_M_TRIM_THRESHOLD, -1), (_M_TOP_PAD, _HEAP))
     return all([bool(library.mallopt(option, value)) for option, value in settings])
 
 

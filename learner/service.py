@@ -38,7 +38,6 @@ def run_learner(
     if endpoint is not None:
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
-    # Before zenoh has threads: an arena that exists stays in use, and grows with every crowd.
     keep_freed_memory()
     quiet_tensorboard()
     door = open_learner(config.transport, security=security)

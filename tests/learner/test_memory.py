@@ -9,22 +9,29 @@ import pytest
 from learner import memory
 from learner.memory import MemoryTide
 
-PEAK = """
-    import ctypes
+START = """
+    import ctypes, resource, threading
     from pathlib import Path
     from learner.memory import keep_freed_memory, return_freed_memory
-
-    def resident():
-        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 
     libc = ctypes.CDLL("libc.so.6")
     libc.malloc.restype = ctypes.c_void_p
     libc.free.argtypes = [ctypes.c_void_p]
     assert keep_freed_memory()
+
+    def taken(count, size):
+        pieces = [libc.malloc(size) for _ in range(count)]
+        for piece in pieces:
+            ctypes.memset(ctypes.c_void_p(piece), 1, size)
+        return pieces
+"""
+
+PEAK = """
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+
     before = resident()
-    pieces = [libc.malloc(100_000) for _ in range(2000)]
-    for piece in pieces:
-        ctypes.memset(ctypes.c_void_p(piece), 1, 100_000)
+    pieces = taken(2000, 100_000)
     for piece in pieces[:-1]:  # the last one holds the heap's top where it is
         libc.free(piece)
     kept = resident() - before
@@ -32,16 +39,46 @@ PEAK = """
     print(kept, resident() - before, given)
 """
 
+AGAIN = """
+    def faults():
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+    def work():
+        marks = [faults()]
+        for _ in range(3):
+            for piece in taken(8, 30 * 2**20):
+                libc.free(piece)
+            marks.append(faults())
+        print(*(after - before for before, after in zip(marks, marks[1:])))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+"""
+
+
+def figures(code: str) -> list[str]:
+    """What ``code`` prints in a process of its own."""
+    whole = textwrap.dedent(START) + textwrap.dedent(code)
+    done = subprocess.run([sys.executable, "-c", whole], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc's allocator")
 def test_a_peak_is_kept_until_it_is_given_back() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(PEAK)], capture_output=True, text=True, check=True
-    )
-    kept, left, given = done.stdout.split()
+    kept, left, given = figures(PEAK)
     assert float(kept) > 150.0  # MiB of 190
     assert float(left) < 20.0
     assert given == "True"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc's allocator")
+def test_what_a_thread_has_freed_costs_no_page_faults_again() -> None:
+    """Networks learn in threads; the pieces that their arenas consist of are kept, too."""
+    first, *others = map(int, figures(AGAIN))
+    assert first > 50_000  # 240 MiB in pages of 4 KiB
+    assert max(others) < first / 50
 
 
 class Clock:
