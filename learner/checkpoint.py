@@ -22,7 +22,7 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 from torch import Tensor
 
-from learner.trainee import set_rate
+from learner.adam import Adam
 from learner.update import PPO
 from lndrl.errors import UserError
 from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
@@ -195,8 +195,7 @@ def _files(ppo: PPO, counters: Counters, books: dict[str, Any]) -> dict[str, byt
         **books,
         "generator": ppo.rng.bit_generator.state,
         "learning_rates": [
-            float(optimizer.param_groups[0]["lr"])
-            for optimizer in (ppo.policy_optimizer, ppo.value_optimizer)
+            optimizer.rate for optimizer in (ppo.policy_optimizer, ppo.value_optimizer)
         ],
         "digests": {file: hashlib.sha256(data).hexdigest() for file, data in files.items()},
     }
@@ -246,7 +245,7 @@ def _put_in_place(temporary: Path, target: Path) -> Path:
     return target
 
 
-def _optimizers(ppo: PPO) -> dict[str, tuple[torch.optim.Adam, torch.nn.Module]]:
+def _optimizers(ppo: PPO) -> dict[str, tuple[Adam, torch.nn.Module]]:
     return {
         "policy": (ppo.policy_optimizer, ppo.policy),
         "value": (ppo.value_optimizer, ppo.value),
@@ -267,7 +266,7 @@ def _restore_optimizers(
     ppo: PPO, tensors: dict[str, Tensor], rates: list[float], path: Path
 ) -> None:
     for (owner, (optimizer, network)), rate in zip(_optimizers(ppo).items(), rates, strict=True):
-        set_rate(optimizer, rate)
+        optimizer.rate = rate
         for name, parameter in network.named_parameters():
             moments = {}
             for key in ("step", "exp_avg", "exp_avg_sq"):
@@ -276,8 +275,7 @@ def _restore_optimizers(
                     continue
                 if key != "step" and tensor.shape != parameter.shape:
                     raise UserError(f"{path}: {owner}/{name} is of another network")
-                # The step counter stays where torch keeps it for fused optimizers, and moments
-                # lie in memory like their parameter: Adam goes through them side by side.
+                # Moments lie in memory like their parameter: Adam goes through them side by side.
                 like = tensor if key == "step" else parameter
                 moments[key] = torch.empty_like(like, device=parameter.device).copy_(tensor)
             if moments:

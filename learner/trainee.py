@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from learner.adam import Adam
 from learner.graphs import GraphedStep
 from learner.samples import MakeInputs
 from lndrl.config import PPOConfig
@@ -35,8 +36,6 @@ class Trainee:
         precision: dtype of the products inside the network.
         stream: where a GPU works on it; None: wherever the caller does.
         graphs: record steps as CUDA graphs; needs ``stream``.
-
-    On devices other than the CPU the learning rate is a tensor, so that graphs see it change.
     """
 
     def __init__(
@@ -53,14 +52,7 @@ class Trainee:
         self.network = network
         self.parameters = list(network.parameters())
         self.device = self.parameters[0].device
-        on_gpu = self.device.type != "cpu"
-        self.optimizer = torch.optim.Adam(
-            self.parameters,
-            lr=torch.tensor(rate, device=self.device) if on_gpu else rate,
-            eps=ppo.adam_eps,
-            fused=True,
-            capturable=on_gpu,
-        )
+        self.optimizer = Adam(self.parameters, rate, ppo.adam_eps)
         self.stream = stream
         self._loss = loss
         self._names = ("loss", *names, "gradient_norm")
@@ -72,10 +64,6 @@ class Trainee:
         self.graphed: GraphedStep | None = None
         if graphs and stream is not None:
             self.graphed = GraphedStep(self._whole_step, partial(record_cuda_graph, stream))
-
-    def set_rate(self, rate: float) -> None:
-        """Change the learning rate in place."""
-        set_rate(self.optimizer, rate)
 
     def memory_moved(self) -> None:
         """What steps read from has other addresses from now on."""
@@ -101,7 +89,7 @@ class Trainee:
         """Replace the gradient by that of the mean loss over ``rows``."""
         assert self._inputs is not None
         # Gradients are written, not added to zeros: two passes over 30 MB less.
-        self.optimizer.zero_grad(set_to_none=True)
+        self.optimizer.forget_gradients()
         for number, part in enumerate(rows.tensor_split(-(-len(rows) // _PART))):
             with self._autocast():
                 outputs = self.network(self._inputs((key, number), part))
@@ -117,9 +105,7 @@ class Trainee:
 
     def apply(self, norm: Tensor) -> None:
         """One step of Adam with the gradient, scaled down where ``norm`` exceeds its limit."""
-        # Adam divides by this on its way: clipping needs no pass of its own.
-        self.optimizer.grad_scale = (norm / self._limit).clamp(min=1.0)  # type: ignore[attr-defined]
-        self.optimizer.step()
+        self.optimizer.step((norm / self._limit).clamp(min=1.0))
         self._sums[-1].add_(norm)
 
     def _whole_step(self, rows: Tensor, key: Hashable = None) -> None:
@@ -182,15 +168,6 @@ class Trainee:
         if self._precision == torch.float32:
             return nullcontext()
         return torch.autocast(self.device.type, self._precision, cache_enabled=False)
-
-
-def set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
-    """Set a learning rate whether it is a number or, for CUDA graphs, a tensor."""
-    for group in optimizer.param_groups:
-        if isinstance(group["lr"], Tensor):
-            group["lr"].fill_(rate)
-        else:
-            group["lr"] = rate
 
 
 def minibatches(order: Tensor, size: int | None) -> Iterator[Tensor]:

@@ -113,8 +113,8 @@ class PPO:
     def _update(self, batch: Batch, progress: float) -> dict[str, float]:
         ppo = self.config.ppo
         scale = 1.0 - progress if ppo.learning_rate_schedule == "linear" else 1.0
-        self._actor.set_rate(scale * ppo.actor_learning_rate)
-        self._critic.set_rate(scale * ppo.critic_learning_rate)
+        self.policy_optimizer.rate = scale * ppo.actor_learning_rate
+        self.value_optimizer.rate = scale * ppo.critic_learning_rate
         self._load(batch)
         proximal, value, final_value = self._forward(batch)
         advantage, target = batch_advantages(batch, value, final_value, ppo)

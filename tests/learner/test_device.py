@@ -119,7 +119,7 @@ def test_target_kl_ends_the_policy_and_not_the_value_network(trainer, device) ->
         (batch,) = batches(ppo, 1)
         ppo.update(batch, 0.0)
         policy, value = (
-            int(optimizer.state[optimizer.param_groups[0]["params"][0]]["step"])
+            int(optimizer.state[optimizer.parameters[0]]["step"])
             for optimizer in (ppo.policy_optimizer, ppo.value_optimizer)
         )
         assert policy < value == 4 * 3
