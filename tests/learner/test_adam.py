@@ -1,10 +1,4 @@
-"""Adam against torch's own, and that it comes without torch's compiler."""
-
-import os
-import subprocess
-import sys
-import textwrap
-from pathlib import Path
+"""Adam against torch's own."""
 
 import torch
 
@@ -55,27 +49,3 @@ def test_rate_is_what_it_was_set_to() -> None:
     adam.step()
     for parameter, old in zip(adam.parameters, before, strict=True):
         assert torch.equal(parameter, old)
-
-
-UPDATE = """
-    import sys
-    from helpers_learner import random_trajectory, small_config
-    from learner.batch import assemble
-    from learner.update import PPO
-
-    ppo = PPO(small_config())
-    ppo.update(assemble([random_trajectory(ppo.config, 0)]), 0.0)
-    print([name for name in ("torch._dynamo", "sympy") if name in sys.modules])
-"""
-
-
-def test_an_update_needs_no_compiler() -> None:
-    """It would take seconds of every start of a learner, the one after a crash among them."""
-    here = Path(__file__).parent
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(UPDATE)],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": f"{here}{os.pathsep}{here.parents[1]}"},
-    )
-    assert done.stdout.strip() == "[]", done.stderr
