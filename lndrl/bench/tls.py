@@ -7,6 +7,7 @@ its speed within minutes, and whole updates, because each of them carries the we
 
 from __future__ import annotations
 
+import json
 import statistics
 import tempfile
 import time
@@ -25,6 +26,10 @@ _TURN = 10.0  # s at least
 _LEAST_TURNS = 2  # of each run
 _LOOK = 0.05  # s
 _PATIENCE = 3600.0  # s; a run that stands still while the other goes on must not seem dead
+
+_BLOCK = {"wait_before_close": int(1e6 * _PATIENCE)}
+_WAITING = {"transport": {"link": {"tx": {"queue": {"congestion_control": {"block": _BLOCK}}}}}}
+"""zenoh's settings: weights may be half sent when a run is stopped."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,9 @@ def measure(seconds: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as place, ExitStack() as stack:
         certificates = Path(place) / "certs"
         create(certificates, [])
+        patience = Path(place) / "patience.json5"
+        patience.write_text(json.dumps(_WAITING))
+        waits = ["--zenoh", str(patience)]
         runs = []
         for name, scheme, more in (
             ("plain", "tcp", []),
@@ -60,7 +68,7 @@ def measure(seconds: float) -> dict[str, Any]:
         ):
             folder = Path(place) / name
             folder.mkdir()
-            training = Training("bench tls", folder, scheme, [*_settings(), *more])
+            training = Training("bench tls", folder, scheme, [*_settings(), *waits, *more])
             runs.append(Paused(name, stack.enter_context(training)))
         turns = alternate(runs, 12.0 * seconds)
         lost = sum(run.lost() for run in runs)
