@@ -56,14 +56,20 @@ class Life:
     first_update: float | None = None
     samples: list[tuple[float, int, int]] = field(default_factory=list)
 
-    def growth(self, column: int) -> float | None:
-        """Last over first fifth of the life, as medians, less 1; None for one too short."""
+    def fifths(self, column: int) -> list[float]:
+        """The medians of five equally long parts of the life; none for one too short."""
         if not self.samples or self.samples[-1][0] - self.samples[0][0] < LIFE_LEAST:
-            return None
-        fifth = max(1, len(self.samples) // 5)
-        first = statistics.median(row[column] for row in self.samples[:fifth])
-        last = statistics.median(row[column] for row in self.samples[-fifth:])
-        return last / first - 1.0
+            return []
+        first, last = self.samples[0][0], self.samples[-1][0]
+        parts: list[list[int]] = [[] for _ in range(5)]
+        for row in self.samples:
+            parts[min(4, int(5.0 * (row[0] - first) / (last - first)))].append(int(row[column]))
+        return [statistics.median(part) for part in parts if part]
+
+    def growth(self, column: int) -> float | None:
+        """Last over first fifth of the life, less 1; None for one too short."""
+        fifths = self.fifths(column)
+        return fifths[-1] / fifths[0] - 1.0 if fifths else None
 
 
 class Monitor:
@@ -130,6 +136,11 @@ class Monitor:
     def memory_growth(self) -> float | None:
         """The largest growth of a learner's memory over one of its lives, as a share."""
         return max((g for life in self.lives if (g := life.growth(1)) is not None), default=None)
+
+    def memory_by_fifth(self) -> list[float]:
+        """Megabytes in the fifths of the longest life: whether it grew on, or at first only."""
+        longest = max(self.lives, key=lambda life: len(life.samples), default=None)
+        return [] if longest is None else [round(m / 1e6, 1) for m in longest.fifths(1)]
 
     def handle_growth(self) -> int | None:
         """The most file handles that a learner gained over one of its lives."""

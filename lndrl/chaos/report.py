@@ -26,6 +26,7 @@ class ChaosReport:
     main: Balance
     side: Balance | None
     memory_growth: float | None
+    memory_by_fifth: list[float]
     handle_growth: int | None
     learner_life: float
     learner_starts: int
@@ -78,6 +79,7 @@ class ChaosReport:
             "others_rate_while_frozen": _median(found.others_while_frozen),
             "others_rates_while_frozen": [round(r, 3) for r in found.others_while_frozen],
             "memory_growth": self.memory_growth,
+            "memory_megabytes_by_fifth": self.memory_by_fifth,
             "file_handle_growth": self.handle_growth,
             "learner_life_seconds": round(self.learner_life, 1),
             "learner_starts": self.learner_starts,
@@ -109,6 +111,7 @@ def make_report(
         main=main,
         side=side,
         memory_growth=monitor.memory_growth(),
+        memory_by_fifth=monitor.memory_by_fifth(),
         handle_growth=monitor.handle_growth(),
         learner_life=monitor.longest_life(),
         **rest,
