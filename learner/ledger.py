@@ -10,8 +10,9 @@ killed learner loses none, a machine without power may. Each is an object with a
 - resumed: update; ``trained`` lines of later updates that stand before it are void, and the
   ``dropped`` line that follows names what was lost by that
 
-Beyond 64 MB the file becomes ``ledger.jsonl.1`` at a checkpoint; both together reach back farther
-than that checkpoint.
+Beyond 16 MB the file becomes ``ledger.jsonl.1`` at a checkpoint, what was called so ``.2``, and so
+on: ``FILES`` in all. The newest two reach back farther than that checkpoint, and are all that a
+learner reads which goes on; the others are for whoever checks it.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from learner.lines import LineFile
+from learner.lines import LineFile, older_files
 
 RULES = ("stale", "restart", "end", "diverged")
 """Why an acknowledged chunk may end without being trained on."""
-LIMIT = 64 * 2**20
+LIMIT = 16 * 2**20
+"""Bytes; reading two such files takes a learner that comes back about two seconds."""
+FILES = 8
 
 ChunkId = tuple[str, str, int]
 """Actor, its incarnation, sequence."""
@@ -98,7 +101,7 @@ class Ledger:
         limit: int = LIMIT,
     ) -> None:
         # While the disk refuses, about 10 MB of lines wait for better times.
-        self._file = LineFile(path, on_change, keep=100_000) if path else None
+        self._file = LineFile(path, on_change, keep=100_000, older=FILES - 1) if path else None
         self._limit = limit
 
     def accepted(self, chunk: ChunkId, samples: int) -> None:
@@ -143,7 +146,7 @@ class Ledger:
         if self._file is None:
             return history
         path = self._file.path
-        for part in (path.with_name(f"{path.name}.1"), path):
+        for part in (*older_files(path, 1), path):
             try:
                 for row in _rows(part, history):
                     _book(history, row, update, wanted)

@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 from threading import Lock
 
@@ -24,6 +25,7 @@ class LineFile:
         path: made when the first line comes.
         on_change: hears why the disk refuses once it does, and None once it works again.
         limit: bytes from which the file becomes ``PATH.1`` and a new one begins; None: never.
+        older: how many files before it are kept, ``PATH.1`` the newest of them.
         keep: lines kept while the disk refuses; the oldest go first and are counted in ``lost``.
     """
 
@@ -33,11 +35,13 @@ class LineFile:
         on_change: Callable[[OSError | None], None] = lambda error: None,
         limit: int | None = None,
         keep: int = 10_000,
+        older: int = 1,
     ) -> None:
         self.path = path
         self.lost = 0
         self._on_change = on_change
         self._limit = limit
+        self._older = older
         self._waiting: deque[bytes] = deque(maxlen=keep)
         self._descriptor: int | None = None
         self._size = 0
@@ -65,7 +69,7 @@ class LineFile:
             return self._size
 
     def rotate(self) -> bool:
-        """Call the file ``PATH.1``, in place of an older one, and begin a new one."""
+        """Call the file ``PATH.1``, what was called so ``PATH.2``, and begin a new one."""
         with self._lock:
             return self._rotate()
 
@@ -124,8 +128,11 @@ class LineFile:
 
     def _rotate(self) -> bool:
         self._release()
+        names = [self.path, *older_files(self.path, self._older)]
         try:
-            os.replace(self.path, f"{self.path}.1")
+            for older, newer in pairwise(reversed(names)):
+                if newer.exists():
+                    os.replace(newer, older)
         except OSError:
             return False
         self._size = 0
@@ -136,3 +143,8 @@ class LineFile:
             with suppress(OSError):
                 os.close(self._descriptor)
             self._descriptor = None
+
+
+def older_files(path: Path, most: int) -> list[Path]:
+    """What the files before ``path`` are called, the newest first; they need not exist."""
+    return [path.with_name(f"{path.name}.{number}") for number in range(1, most + 1)]

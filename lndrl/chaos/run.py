@@ -119,8 +119,10 @@ def start(stage: Stage, monitor: Monitor, stop: Event) -> None:
 def balance_of(stage: Stage, run: str) -> Balance:
     """The balance of a run's books."""
     ledger = stage.learner_ledger(run)
-    older = ledger.with_name(f"{ledger.name}.1")
-    learner = LearnerBook().read(lines_of(older, ledger))
+    older = sorted(
+        ledger.parent.glob(f"{ledger.name}.*"), key=lambda path: int(path.suffix[1:]), reverse=True
+    )
+    learner = LearnerBook().read(lines_of(*older, ledger))
     return balance(learner, ActorBook().read(lines_of(*stage.actor_ledgers(run))))
 
 

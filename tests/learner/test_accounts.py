@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from learner.accounts import Accounts, Recovery
-from learner.ledger import RULES, ChunkId, Ledger
+from learner.ledger import FILES, RULES, ChunkId, Ledger
 from learner.roster import Roster
 
 A, B = ("a", "x", 1), ("b", "y", 1)
@@ -262,13 +262,14 @@ def test_a_state_that_is_none_is_an_error_for_the_caller(books: Books, key, valu
 
 def test_the_file_is_bounded_and_totals_outlive_rotation(tmp_path: Path) -> None:
     books = Books(tmp_path / "ledger.jsonl", limit=4000)
-    for n in range(1, 400):
+    for n in range(1, 800):
         books.accept(("a", "x", n))
         if n % 10 == 0:
             books.train(9)
             books.checkpoint()
-    assert (tmp_path / "ledger.jsonl.1").exists()
-    assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 20_000
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["ledger.jsonl", *(f"ledger.jsonl.{n}" for n in range(1, FILES))]
+    assert max(path.stat().st_size for path in tmp_path.iterdir()) < 6000
     before = books.sums()
     recovery = books.die_and_resume()
     after = books.sums()

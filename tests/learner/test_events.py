@@ -107,6 +107,16 @@ def test_files_rotate_at_their_limit(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_text().endswith("line 999\n")
 
 
+def test_as_many_older_files_are_kept_as_were_asked_for(tmp_path: Path) -> None:
+    file = LineFile(tmp_path / "a", older=3)
+    for n in range(6):
+        file.add(f"{n}")
+        assert file.rotate()
+    file.add("6")
+    found = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert found == {"a": "6\n", "a.1": "5\n", "a.2": "4\n", "a.3": "3\n"}
+
+
 @pytest.mark.parametrize("place", ["/dev/full", "nowhere/events.log"])
 def test_a_log_that_cannot_be_written_raises_nothing(tmp_path: Path, place: str) -> None:
     log = EventLog(tmp_path / place, quiet=True)
