@@ -6,11 +6,12 @@ import errno
 import os
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from threading import Lock
+from typing import BinaryIO
 
 _RETRY = 1.0  # s between attempts while the disk refuses
 _BLOCK = 4096
@@ -148,3 +149,22 @@ class LineFile:
 def older_files(path: Path, most: int) -> list[Path]:
     """What the files before ``path`` are called, the newest first; they need not exist."""
     return [path.with_name(f"{path.name}.{number}") for number in range(1, most + 1)]
+
+
+def backwards(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """(offset behind it, line without its end), the last line first, read as far as is asked for.
+
+    What follows the last line's end counts as a line, though it may be empty.
+    """
+    position = edge = end = file.seek(0, os.SEEK_END)
+    tail = b""  # of a line that begins before ``position``; it stops at ``edge``
+    while position > 0:
+        begin = max(0, position - _BLOCK)
+        file.seek(begin)
+        tail, *lines = (file.read(position - begin) + tail).split(b"\n")
+        for line in reversed(lines):
+            yield end, line
+            end = edge - len(line)
+            edge = end - 1
+        position = begin
+    yield end, tail

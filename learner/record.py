@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from learner.lines import LineFile
+from learner.lines import LineFile, backwards
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
@@ -151,17 +151,20 @@ def _cut(path: Path, updates: int) -> None:
     if not updates or not path.exists():
         path.write_text("")
         return
-    end = place = 0
     with path.open("rb+") as file:
-        for line in file:
-            place += len(line)
-            try:
-                row = json.loads(line)
-            except (ValueError, RecursionError):
-                continue  # the disk was full half-way through it
-            if isinstance(row, dict) and row.get("update", updates + 1) <= updates:
-                end = place
-        file.truncate(end)
+        # From the end: there may be days of rows before the one that is looked for.
+        ends = (end for end, line in backwards(file) if _update_of(line) <= updates)
+        file.truncate(next(ends, 0))
+
+
+def _update_of(line: bytes) -> float:
+    """The number of a row's update; infinite for what is no row."""
+    try:
+        row = json.loads(line)
+    except (ValueError, RecursionError):
+        return math.inf  # the disk was full half-way through it
+    number = row.get("update") if isinstance(row, dict) else None
+    return number if isinstance(number, int) else math.inf
 
 
 def _add_scalars(board: Any, row: dict[str, Any]) -> None:

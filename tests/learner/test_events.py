@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import os
 import threading
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from learner import events as events_module
 from learner.events import EventLog
 from learner.flood import _ALL, WINDOW, Flood
-from learner.lines import LineFile
+from learner.lines import LineFile, backwards
 
 
 class Disk:
@@ -115,6 +119,19 @@ def test_as_many_older_files_are_kept_as_were_asked_for(tmp_path: Path) -> None:
     file.add("6")
     found = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert found == {"a": "6\n", "a.1": "5\n", "a.2": "4\n", "a.3": "3\n"}
+
+
+@settings(max_examples=200, deadline=None)
+@given(lines=st.lists(st.binary(max_size=40)), block=st.integers(1, 30))
+def test_lines_backwards_are_those_forwards(lines: list[bytes], block: int) -> None:
+    whole = b"\n".join(lines)
+    expected = []
+    place = 0
+    for line in whole.split(b"\n"):
+        place += len(line) + 1
+        expected.append((min(place, len(whole)), line))
+    with patch("learner.lines._BLOCK", block):
+        assert list(backwards(io.BytesIO(whole))) == expected[::-1]
 
 
 @pytest.mark.parametrize("place", ["/dev/full", "nowhere/events.log"])
