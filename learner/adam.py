@@ -1,8 +1,8 @@
 """Adam by torch's fused kernels, without the class that torch wraps around them.
 
 The first ``torch.optim.Optimizer`` of a process imports torch's compiler, which nothing here uses:
-that takes longer than all else that a learner does before it listens, and 70 MB. The state has the
-names and shapes of ``torch.optim.Adam``.
+that is a good third of all the time until a learner listens, and 70 MB. The state has the names and
+shapes of ``torch.optim.Adam``.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Adam:
         self.state: dict[Tensor, dict[str, Tensor]] = {}
         self._epsilon = epsilon
         device = self.parameters[0].device
-        self._on_cpu = device.type == "cpu"
-        self._rate: float | Tensor = rate if self._on_cpu else torch.tensor(rate, device=device)
+        on_cpu = device.type == "cpu"
+        self._rate: float | Tensor = rate if on_cpu else torch.tensor(rate, device=device)
 
     @property
     def rate(self) -> float:
@@ -56,7 +56,7 @@ class Adam:
             parameter.grad = None
 
     @torch.no_grad()
-    def step(self, divisor: Tensor | None = None) -> None:
+    def step(self, divisor: Tensor) -> None:
         """One step with the gradients there are, ``divisor`` (scalar on the device) taken out.
 
         The gradients are divided in place on the way: clipping needs no pass of its own.
@@ -71,7 +71,7 @@ class Adam:
             [],
             [state["step"] for state in states],
             fused=True,
-            capturable=not self._on_cpu,
+            capturable=isinstance(self._rate, Tensor),
             grad_scale=divisor,
             amsgrad=False,
             beta1=_BETAS[0],

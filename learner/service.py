@@ -8,7 +8,6 @@ from pathlib import Path
 from threading import Event
 
 from learner.learner import Learner
-from learner.memory import keep_freed_memory
 from learner.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
 from lndrl.config import RunConfig
@@ -38,7 +37,6 @@ def run_learner(
     if endpoint is not None:
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
-    keep_freed_memory()
     quiet_tensorboard()
     door = open_learner(config.transport, security=security)
     try:

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from lndrl.chaos.files import FileFindings, fuzz_files
 from lndrl.chaos.flood import Sent
-from lndrl.chaos.ledger import LearnerBook, lines_of
+from lndrl.chaos.ledger import LearnerBook, files_of, lines_of
 from lndrl.chaos.monitor import Monitor, Tail, cpu_seconds, resources
 from lndrl.chaos.run import start
 from lndrl.chaos.stage import LEAVE_WITHIN, Child, Stage
@@ -127,7 +127,7 @@ def run_fuzz(
     show("damaging files")
     files = int(min(count * FILES_PER_MESSAGE + 20, MOST_FILES))
     found = fuzz_files(files, seed, folder / "files", stop.is_set)
-    book = LearnerBook().read(lines_of(stage.learner_ledger()))
+    book = LearnerBook().read(lines_of(*files_of(stage.learner_ledger())))
     tracebacks = stage.learner.log().count("Traceback")
     return FuzzReport(
         seed=seed,

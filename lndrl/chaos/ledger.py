@@ -258,6 +258,12 @@ def parse(line: str) -> dict[str, Any] | None:
     return None
 
 
+def files_of(ledger: Path) -> list[Path]:
+    """A learner's ledger with the files that it went on from, ``ledger.N`` first; oldest first."""
+    older = ledger.parent.glob(f"{ledger.name}.*")
+    return [*sorted(older, key=lambda path: int(path.suffix[1:]), reverse=True), ledger]
+
+
 def lines_of(*paths: Path) -> Iterator[str]:
     """The lines of files, of those that exist, in the order given."""
     for path in paths:

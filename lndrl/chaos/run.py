@@ -12,7 +12,7 @@ from threading import Event
 from typing import Any
 
 from lndrl.chaos.faults import Injector
-from lndrl.chaos.ledger import ActorBook, Balance, LearnerBook, balance, lines_of
+from lndrl.chaos.ledger import ActorBook, Balance, LearnerBook, balance, files_of, lines_of
 from lndrl.chaos.monitor import Monitor
 from lndrl.chaos.report import ChaosReport, make_report
 from lndrl.chaos.schedule import Fault, schedule
@@ -119,10 +119,7 @@ def start(stage: Stage, monitor: Monitor, stop: Event) -> None:
 def balance_of(stage: Stage, run: str) -> Balance:
     """The balance of a run's books."""
     ledger = stage.learner_ledger(run)
-    older = sorted(
-        ledger.parent.glob(f"{ledger.name}.*"), key=lambda path: int(path.suffix[1:]), reverse=True
-    )
-    learner = LearnerBook().read(lines_of(*older, ledger))
+    learner = LearnerBook().read(lines_of(*files_of(ledger)))
     return balance(learner, ActorBook().read(lines_of(*stage.actor_ledgers(run))))
 
 

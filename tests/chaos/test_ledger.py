@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import random
+from pathlib import Path
 from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lndrl.chaos.ledger import ActorBook, Balance, LearnerBook, balance, parse
+from lndrl.chaos.ledger import ActorBook, Balance, LearnerBook, balance, files_of, lines_of, parse
 
 
 def accepted(*numbers: int, samples: int = 8) -> list[dict[str, Any]]:
@@ -153,3 +154,11 @@ def test_honest_ledgers_balance_whatever_happened(seed: int) -> None:
     assert (found.lost, found.duplicated, found.contradictions) == (0, 0, 0)
     assert found.acknowledged == found.trained + found.dropped
     assert found.trained == 8 * sum(len(batch) for _, batch in done)
+
+
+def test_a_ledger_is_read_with_all_the_files_it_went_on_from(tmp_path: Path) -> None:
+    ledger = tmp_path / "ledger.jsonl"
+    for number, name in enumerate((*(f"ledger.jsonl.{n}" for n in range(11, 0, -1)), ledger.name)):
+        (tmp_path / name).write_text(f"{number}\n")
+    assert [int(line) for line in lines_of(*files_of(ledger))] == list(range(12))
+    assert files_of(tmp_path / "none.jsonl") == [tmp_path / "none.jsonl"]

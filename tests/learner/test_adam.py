@@ -46,6 +46,6 @@ def test_rate_is_what_it_was_set_to() -> None:
     before = [parameter.detach().clone() for parameter in adam.parameters]
     for parameter, gradient in zip(adam.parameters, gradients(0), strict=True):
         parameter.grad = gradient
-    adam.step()
+    adam.step(torch.tensor(1.0))
     for parameter, old in zip(adam.parameters, before, strict=True):
         assert torch.equal(parameter, old)

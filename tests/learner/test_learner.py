@@ -11,6 +11,7 @@ import pytest
 from helpers_learner import random_trajectory, small_config
 
 from learner.learner import Learner
+from learner.memory import MemoryTide
 from learner.status import snapshot
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
@@ -96,6 +97,20 @@ def test_the_learners_time_is_all_accounted_for(start) -> None:
     spent, wall = run.learner.split.totals(), time.monotonic() - begun
     assert spent["other"] > 0, "what lies between the named activities"
     assert sum(spent.values()) - before == pytest.approx(wall, rel=0.1)
+
+
+def test_freed_memory_goes_back_whether_or_not_there_is_a_batch(start, monkeypatch) -> None:
+    returned: list[int] = []
+    monkeypatch.setattr("learner.memory.return_freed_memory", lambda: bool(returned.append(1)))
+    run = start()
+    run.learner.advance(timeout=0.0)
+    assert not returned
+    for _ in range(2):
+        run.learner._memory = MemoryTide(interval=0.0)
+        assert not run.learner.advance(timeout=0.0)
+    assert len(returned) == 2
+    run.update()
+    assert len(returned) == 3
 
 
 def test_lag_is_measured_in_versions(start) -> None:
