@@ -278,6 +278,18 @@ def test_the_file_is_bounded_and_totals_outlive_rotation(tmp_path: Path) -> None
     assert after["dropped"]["restart"] == before["waiting"]
 
 
+def test_the_file_before_is_read_where_the_checkpoint_is_older(tmp_path: Path) -> None:
+    books = Books(tmp_path / "ledger.jsonl", limit=1000)
+    for n in range(1, 31):
+        books.accept(("a", "x", n))
+        books.train(1)
+    books.checkpoint()
+    assert (tmp_path / "ledger.jsonl.1").exists()
+    recovery = books.die_and_resume(back=1)
+    assert (recovery.lost.chunks, recovery.newest_version, recovery.notes) == (30, 30, [])
+    assert books.sums()["dropped"]["restart"]["chunks"] == 30
+
+
 class Model:
     """The contract in slow words: one record per acceptance, with what became of it."""
 

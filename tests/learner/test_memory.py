@@ -51,6 +51,8 @@ AGAIN = """
             marks.append(faults())
         print(*(after - before for before, after in zip(marks, marks[1:])))
 
+"""
+IN_A_THREAD = """
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
@@ -74,9 +76,10 @@ def test_a_peak_is_kept_until_it_is_given_back() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc's allocator")
-def test_what_a_thread_has_freed_costs_no_page_faults_again() -> None:
+@pytest.mark.parametrize("where", ["    work()", IN_A_THREAD], ids=["main", "thread"])
+def test_what_was_freed_costs_no_page_faults_again(where: str) -> None:
     """Networks learn in threads; the pieces that their arenas consist of are kept, too."""
-    first, *others = map(int, figures(AGAIN))
+    first, *others = map(int, figures(AGAIN + where))
     assert first > 50_000  # 240 MiB in pages of 4 KiB
     assert max(others) < first / 50
 
