@@ -13,6 +13,8 @@ import socket
 import threading
 from collections.abc import Callable
 
+import torch
+
 from actors.fetcher import FETCH_TIMEOUT, Fetcher
 from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
@@ -44,7 +46,8 @@ class Actor:
     by default both are made up. A repeatable run passes both. ``worlds`` overrides
     ``config.actor.worlds``; where that is auto, ``siblings`` is how many actors there are (see
     ``RunConfig.worlds_per_actor``). ``patient`` waits for a learner that does not answer instead of
-    failing; ``ahead`` fetches weights in a thread while worlds go on with those at hand.
+    failing; ``alone`` in its process, it fetches weights in a thread while worlds go on with those
+    at hand, and torch has ``config.actor.threads`` threads.
     ``on_event(event, text)`` hears of joined, refused, stale and the like.
     """
 
@@ -58,7 +61,7 @@ class Actor:
         siblings: int = FIXED_ACTORS,
         device: str = "cpu",
         patient: bool = False,
-        ahead: bool = False,
+        alone: bool = False,
         on_event: Callable[[str, str], None] = lambda event, text: None,
     ) -> None:
         self.endpoint = endpoint
@@ -67,7 +70,8 @@ class Actor:
         self.rollout: Rollout | None = None
         self.chunks = 0  # collected in this incarnation
         self.laps = Laps()
-        self._fetcher = Fetcher(endpoint) if ahead else None
+        self._fetcher = Fetcher(endpoint) if alone else None
+        self._alone = alone
         self._worlds, self._siblings, self._device = worlds, siblings, device
         self._patient = patient
         self._on_event = on_event
@@ -156,6 +160,8 @@ class Actor:
             first_episode = offset * config.actor.horizon if lockstep else offset
             index = welcome.actor_index
             worlds = self._worlds or config.worlds_per_actor(self._siblings)
+            if self._alone:
+                torch.set_num_threads(config.actor.threads)
             rollout = Rollout(config, index, worlds, first_episode, self._device, self.laps)
             self.rollout, self._weights_from = rollout, ""
             self.laps.restart()  # building worlds and compiling is no part of any chunk

@@ -122,7 +122,7 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
                 siblings=options.siblings,
                 device=options.device,
                 patient=options.patient,
-                ahead=True,
+                alone=True,
                 on_event=report,
             )
             actor.run(stop)

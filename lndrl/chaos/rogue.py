@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         endpoint.keep_book(options.ledger)
         name = "old" if options.keep_weights else "rogue"
         actor = Actor(
-            endpoint, actor_id=f"{name}-{options.seed}", worlds=1, patient=True, ahead=True
+            endpoint, actor_id=f"{name}-{options.seed}", worlds=1, patient=True, alone=True
         )
         actor.run(stop)
     except UserError as error:

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+import torch
 
 from actors.actor import Actor
 from lndrl.errors import UserError
@@ -51,6 +52,19 @@ def test_uploads_are_numbered_and_complete(joined):
     assert learner.headers[0].timing["fetch"] > 0
     assert learner.headers[1].timing["fetch"] == 0, "the weights had not changed"
     assert learner.headers[1].timing["upload"] > 0, "the upload before"
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_only_a_process_of_its_own_gets_the_configured_threads(
+    small_config, noting_learner, network, alone
+):
+    before = torch.get_num_threads()
+    noting_learner(small_config(actor={"threads": before + 2}), network.learner())
+    try:
+        Actor(network.actor(), alone=alone).join()
+        assert torch.get_num_threads() == before + 2 * alone
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_actions_come_from_the_weights_that_the_chunk_names(joined):

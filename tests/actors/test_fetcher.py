@@ -88,7 +88,7 @@ def test_an_actor_goes_on_with_its_weights_until_newer_ones_are_here(small_confi
     network = MemoryNetwork()
     learner = noting_learner(small_config(), network.learner())
     learner.publish(0)
-    actor = Actor(network.actor(), ahead=True)
+    actor = Actor(network.actor(), alone=True)
     assert actor.run_chunk()
     learner.publish(1)
     actor.endpoint.flush(5.0)
