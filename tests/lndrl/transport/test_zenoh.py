@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
@@ -59,6 +60,13 @@ class CountingHandlers:
         self.members.append((actor_id, alive))
 
 
+@pytest.fixture
+def opened():
+    """Has what it is given closed when the test is over, the newest first."""
+    with ExitStack() as stack:
+        yield lambda endpoint: stack.enter_context(closing(endpoint))
+
+
 def settings(**changes) -> TransportConfig:
     values = {"endpoint": free_endpoint(), "upload_timeout": 0.5, "lease": 2.0, **changes}
     return TransportConfig(**values)
@@ -71,52 +79,50 @@ def wait_until(condition, seconds: float = 8.0) -> bool:
     return condition()
 
 
+def joined(opened, config: TransportConfig, handlers: CountingHandlers, learner=None):
+    """An actor that ``learner``, a new one by default, has welcomed."""
+    learner = learner or opened(open_learner(config))
+    actor = opened(open_actor(config.endpoint, config))
+    learner.start(handlers)
+    actor.hello(HELLO, 5)
+    return actor
+
+
 def send(actor, sequence: int, size: int = 1000) -> None:
     header = ChunkHeader("run", "actor-0", "first", sequence, 1, 1)
     actor.upload(header, {"x": np.zeros(size, np.uint8)})
 
 
-def test_a_late_ack_makes_the_same_sequence_come_again_and_only_that():
+def test_a_late_ack_makes_the_same_sequence_come_again_and_only_that(opened):
     config = settings()
     handlers = CountingHandlers()
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
-    try:
-        learner.start(handlers)
-        actor.hello(HELLO, 5)
-        send(actor, 1)
-        assert actor.flush(5)
-        handlers.delays = [3.0]
-        send(actor, 2)
-        assert actor.flush(8)
-        # Four more copies were sent meanwhile; those that waited were merged into one.
-        assert handlers.sequences[:2] == [1, 2]
-        assert 2 <= handlers.sequences.count(2) <= 3
-        assert len(handlers.sequences) == 1 + handlers.sequences.count(2)
-        assert [ack.status for ack in actor.acks()] == ["accepted", "duplicate"]
-    finally:
-        actor.close()
-        learner.close()
+    actor = joined(opened, config, handlers)
+    send(actor, 1)
+    assert actor.flush(5)
+    handlers.delays = [3.0]
+    send(actor, 2)
+    assert actor.flush(8)
+    # Four more copies were sent meanwhile; those that waited were merged into one.
+    assert handlers.sequences[:2] == [1, 2]
+    assert 2 <= handlers.sequences.count(2) <= 3
+    assert len(handlers.sequences) == 1 + handlers.sequences.count(2)
+    assert [ack.status for ack in actor.acks()] == ["accepted", "duplicate"]
 
 
-def test_a_session_that_gets_no_answers_is_opened_anew():
+def test_a_session_that_gets_no_answers_is_opened_anew(opened):
     config = settings(upload_window=1)
     handlers = CountingHandlers()
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
-    try:
-        learner.start(handlers)
-        actor.hello(HELLO, 5)
-        first = actor._session
-        first.zenoh.close()  # as if the link were dead for good
-        send(actor, 1)
-        assert actor.flush(8)
-        assert actor._session is not first
-        assert handlers.sequences == [1]
-        assert wait_until(lambda: handlers.members[-1] == ("actor-0", True))
-        learner.publish_weights(1, b"w")
-        assert actor.wait_newer(-1, 5)
-    finally:
-        actor.close()
-        learner.close()
+    learner = opened(open_learner(config))
+    actor = joined(opened, config, handlers, learner)
+    first = actor._session
+    first.zenoh.close()  # as if the link were dead for good
+    send(actor, 1)
+    assert actor.flush(8)
+    assert actor._session is not first
+    assert handlers.sequences == [1]
+    assert wait_until(lambda: handlers.members[-1] == ("actor-0", True))
+    learner.publish_weights(1, b"w")
+    assert actor.wait_newer(-1, 5)
 
 
 CHILD = """
@@ -144,30 +150,24 @@ def run_child(endpoint: str, how: str) -> subprocess.Popen:
 
 
 @pytest.mark.parametrize(("how", "signal", "code"), [("stay", 9, -9), ("interrupt", 2, 7)])
-def test_an_actor_that_ends_is_reported_gone(how, signal, code):
+def test_an_actor_that_ends_is_reported_gone(opened, how, signal, code):
     config = settings()
     handlers = CountingHandlers()
-    learner = open_learner(config)
-    try:
-        learner.start(handlers)
-        child = run_child(config.endpoint, how)
-        assert wait_until(lambda: ("child", True) in handlers.members)
-        child.send_signal(signal)
-        assert child.wait(10) == code
-        assert wait_until(lambda: ("child", False) in handlers.members)
-    finally:
-        learner.close()
+    learner = opened(open_learner(config))
+    learner.start(handlers)
+    child = run_child(config.endpoint, how)
+    assert wait_until(lambda: ("child", True) in handlers.members)
+    child.send_signal(signal)
+    assert child.wait(10) == code
+    assert wait_until(lambda: ("child", False) in handlers.members)
 
 
-def test_leaving_without_close_neither_hangs_nor_aborts():
+def test_leaving_without_close_neither_hangs_nor_aborts(opened):
     config = settings()
-    learner = open_learner(config)
-    try:
-        learner.start(CountingHandlers())
-        child = run_child(config.endpoint, "leave")
-        assert child.wait(10) == 0, child.stderr.read()
-    finally:
-        learner.close()
+    learner = opened(open_learner(config))
+    learner.start(CountingHandlers())
+    child = run_child(config.endpoint, "leave")
+    assert child.wait(10) == 0, child.stderr.read()
     code = (
         "import sys\nfrom lndrl.config import TransportConfig\n"
         "from lndrl.transport import open_learner\n"
@@ -210,89 +210,65 @@ def test_addresses_of_others_are_sentences():
         open_learner(TransportConfig(endpoint="tcp/no.such.host.invalid:7447"), security=anywhere)
 
 
-def test_an_oversized_chunk_is_refused_before_it_is_sent():
+def test_an_oversized_chunk_is_refused_before_it_is_sent(opened):
     config = settings(max_message_megabytes=1)
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
-    try:
-        learner.start(CountingHandlers())
-        actor.hello(HELLO, 5)
-        with pytest.raises(MessageError, match="exceeds"):
-            send(actor, 1, size=2**20 + 1)
-        assert actor.pending() == 0
-    finally:
-        actor.close()
-        learner.close()
+    actor = joined(opened, config, CountingHandlers())
+    with pytest.raises(MessageError, match="exceeds"):
+        send(actor, 1, size=2**20 + 1)
+    assert actor.pending() == 0
 
 
-def test_garbage_is_refused_and_the_learner_lives_on():
+def test_garbage_is_refused_and_the_learner_lives_on(opened):
     config = settings()
     handlers = CountingHandlers()
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
-    stranger = open_connecting(config.endpoint, config, 5)
-    try:
-        learner.start(handlers)
-        actor.hello(HELLO, 5)
-        answer = stranger.query(f"{UPLOAD}/x/y/1", b"garbage", 5)
-        assert decode(answer.payload.to_bytes(), Ack)[0].status == "refused"
-        answer = stranger.query("lndrl/hello", b"\x00" * 50, 5)
-        assert isinstance(decode(answer.payload.to_bytes(), Welcome, Refusal)[0], Refusal)
-        stranger.zenoh.put(ANNOUNCE, b"garbage")
-        stranger.query("lndrl/weights", b"\xff\xff" * 100, 5)
-        send(actor, 1)
-        assert actor.flush(5)
-        assert handlers.sequences == [1]
-    finally:
-        stranger.close()
-        actor.close()
-        learner.close()
+    actor = joined(opened, config, handlers)
+    stranger = opened(open_connecting(config.endpoint, config, 5))
+    answer = stranger.query(f"{UPLOAD}/x/y/1", b"garbage", 5)
+    assert decode(answer.payload.to_bytes(), Ack)[0].status == "refused"
+    answer = stranger.query("lndrl/hello", b"\x00" * 50, 5)
+    assert isinstance(decode(answer.payload.to_bytes(), Welcome, Refusal)[0], Refusal)
+    stranger.zenoh.put(ANNOUNCE, b"garbage")
+    stranger.query("lndrl/weights", b"\xff\xff" * 100, 5)
+    send(actor, 1)
+    assert actor.flush(5)
+    assert handlers.sequences == [1]
 
 
-def test_whoever_sent_garbage_waits_and_an_actor_that_works_does_not(monkeypatch):
+def test_whoever_sent_garbage_waits_and_an_actor_that_works_does_not(opened, monkeypatch):
     monkeypatch.setattr("lndrl.transport.uploads.REFUSING", 1e-9)
     config = settings()
     handlers = CountingHandlers()
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
-    stranger = open_connecting(config.endpoint, config, 5)
-    try:
-        learner.start(handlers)
-        actor.hello(HELLO, 5)
-        send(actor, 1)
-        assert actor.flush(5)
-        answer = stranger.query(f"{UPLOAD}/x/y/1", b"garbage", 5)
-        assert decode(answer.payload.to_bytes(), Ack)[0].status == "refused"
-        assert stranger.query(f"{UPLOAD}/x/y/2", b"garbage", 0.5) is None
-        send(actor, 2)
-        assert actor.flush(5)
-        assert handlers.sequences == [1, 2]
-    finally:
-        stranger.close()
-        actor.close()
-        learner.close()
+    actor = joined(opened, config, handlers)
+    stranger = opened(open_connecting(config.endpoint, config, 5))
+    send(actor, 1)
+    assert actor.flush(5)
+    answer = stranger.query(f"{UPLOAD}/x/y/1", b"garbage", 5)
+    assert decode(answer.payload.to_bytes(), Ack)[0].status == "refused"
+    assert stranger.query(f"{UPLOAD}/x/y/2", b"garbage", 0.5) is None
+    send(actor, 2)
+    assert actor.flush(5)
+    assert handlers.sequences == [1, 2]
 
 
-def test_what_asks_for_no_version_gets_no_weights():
+def test_what_asks_for_no_version_gets_no_weights(opened):
     config = settings()
-    learner = open_learner(config)
-    session = open_connecting(config.endpoint, config, 5.0)
-    try:
-        learner.start(CountingHandlers())
-        learner.publish_weights(3, b"w" * 1000)
-        sizes = {}
-        for payload in (b"", b"3", b"4", b"-1", b"1e9", "²".encode(), b"\xff" * 1000, b"9" * 400):
-            sample = session.query(WEIGHTS, payload, 5.0)
-            assert sample is not None and sample.attachment is not None
-            sizes[payload] = len(sample.payload.to_bytes())
-        assert {payload for payload, size in sizes.items() if size} == {b"", b"3"}
-        assert session.query(f"{WEIGHTS}/**", timeout=1.0) is None
-    finally:
-        session.close()
-        learner.close()
+    learner = opened(open_learner(config))
+    session = opened(open_connecting(config.endpoint, config, 5.0))
+    learner.start(CountingHandlers())
+    learner.publish_weights(3, b"w" * 1000)
+    sizes = {}
+    for payload in (b"", b"3", b"4", b"-1", b"1e9", "²".encode(), b"\xff" * 1000, b"9" * 400):
+        sample = session.query(WEIGHTS, payload, 5.0)
+        assert sample is not None and sample.attachment is not None
+        sizes[payload] = len(sample.payload.to_bytes())
+    assert {payload for payload, size in sizes.items() if size} == {b"", b"3"}
+    assert session.query(f"{WEIGHTS}/**", timeout=1.0) is None
 
 
-def test_an_upload_that_breaks_the_desk_is_not_the_last():
+def test_an_upload_that_breaks_the_desk_is_not_the_last(opened):
     config = settings()
     handlers = CountingHandlers()
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
+    learner = opened(open_learner(config))
     right, broken = learner._desk.answer_chunk, [True]
 
     def answer(data: bytes) -> Ack:
@@ -302,51 +278,36 @@ def test_an_upload_that_breaks_the_desk_is_not_the_last():
         return right(data)
 
     learner._desk.answer_chunk = answer
-    try:
-        learner.start(handlers)
-        actor.hello(HELLO, 5)
-        send(actor, 1)
-        assert actor.flush(20)
-        assert handlers.sequences == [1]
-    finally:
-        actor.close()
-        learner.close()
+    actor = joined(opened, config, handlers, learner)
+    send(actor, 1)
+    assert actor.flush(20)
+    assert handlers.sequences == [1]
 
 
-def test_a_ping_names_the_run_once_the_status_does():
+def test_a_ping_names_the_run_once_the_status_does(opened):
     config = settings()
-    learner = open_learner(config)
-    stranger = open_connecting(config.endpoint, config, 5)
-    try:
-        learner.start(CountingHandlers())
+    learner = opened(open_learner(config))
+    stranger = opened(open_connecting(config.endpoint, config, 5))
+    learner.start(CountingHandlers())
 
-        def run_id() -> str:
-            return json.loads(stranger.query(PING, timeout=5).payload.to_bytes())["run_id"]
+    def run_id() -> str:
+        return json.loads(stranger.query(PING, timeout=5).payload.to_bytes())["run_id"]
 
-        assert run_id() == ""
-        learner.publish_status({"run_id": "first-1"}, [])
-        assert run_id() == "first-1"
-    finally:
-        stranger.close()
-        learner.close()
+    assert run_id() == ""
+    learner.publish_status({"run_id": "first-1"}, [])
+    assert run_id() == "first-1"
 
 
-def test_300_members_are_known_at_once():
+def test_300_members_are_known_at_once(opened):
     config = settings()
     handlers = CountingHandlers()
-    learner = open_learner(config)
-    crowd = open_connecting(config.endpoint, config, 5)
-    try:
-        tokens = [
-            crowd.zenoh.liveliness().declare_token(f"lndrl/actors/a{i}/x") for i in range(300)
-        ]
-        time.sleep(0.3)
-        learner.start(handlers)
-        assert wait_until(lambda: len(handlers.members) == 300)
-        assert len(tokens) == 300
-    finally:
-        crowd.close()
-        learner.close()
+    learner = opened(open_learner(config))
+    crowd = opened(open_connecting(config.endpoint, config, 5))
+    tokens = [crowd.zenoh.liveliness().declare_token(f"lndrl/actors/a{i}/x") for i in range(300)]
+    time.sleep(0.3)
+    learner.start(handlers)
+    assert wait_until(lambda: len(handlers.members) == 300)
+    assert len(tokens) == 300
 
 
 def test_close_is_quick_while_an_upload_stalls():
@@ -379,17 +340,12 @@ def test_no_threads_are_left_behind():
     assert wait_until(lambda: threading.active_count() <= before, 3)
 
 
-def test_a_truncated_blob_is_noticed():
+def test_a_truncated_blob_is_noticed(opened):
     """A stranger that answers for the learner with other bytes than it announces is refused."""
     config = settings()
-    learner, actor = open_learner(config), open_actor(config.endpoint, config)
-    try:
-        learner.start(CountingHandlers())
-        learner.publish_weights(1, b"right")
-        learner._payload = (1, zenoh.ZBytes(b"wrong"))
-        actor.hello(HELLO, 5)
-        with pytest.raises(MessageError, match="damaged"):
-            actor.fetch(timeout=5)
-    finally:
-        actor.close()
-        learner.close()
+    learner = opened(open_learner(config))
+    actor = joined(opened, config, CountingHandlers(), learner)
+    learner.publish_weights(1, b"right")
+    learner._payload = (1, zenoh.ZBytes(b"wrong"))
+    with pytest.raises(MessageError, match="damaged"):
+        actor.fetch(timeout=5)
