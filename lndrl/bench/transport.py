@@ -32,8 +32,9 @@ from lndrl.transport import (
 from lndrl.transport.certificates import create
 
 _WARM_UP_CHUNKS = 5
-_PATIENCE = 120.0
-"""Seconds for the actor's process to start, compile and play its chunk."""
+_PATIENCE = 600.0
+"""Seconds for the actor's process to start, compile and play its chunk; a fresh checkout compiles
+every kernel."""
 
 
 class _Receiver:

@@ -251,7 +251,8 @@ def _common(config: TransportConfig) -> dict[str, Any]:
         "transport/shared_memory/transport_optimization/enabled": False,
         "transport/link/tx/lease": int(config.lease * 1000),
         "transport/link/rx/max_message_size": config.max_message_megabytes * 2**20,
-        "transport/link/rx/buffer_size": 2**18,
+        # One whole batch. More buys no throughput, and a crowd takes it once per link.
+        "transport/link/rx/buffer_size": 2**16,
     }
 
 
