@@ -99,7 +99,7 @@ class Learner:
         self.history: list[dict[str, Any]] = []
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
-        self._memory = MemoryTide()
+        self._memory = MemoryTide(self.ppo.each_thread)
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
         self._failures = 0

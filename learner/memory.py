@@ -14,6 +14,11 @@ _M_MMAP_MAX = -4
 _HEAP = 64 * 2**20
 """Bytes of the pieces that arenas of threads are made of; a pad as large keeps an empty one."""
 
+_ENOUGH = 2**17
+"""Bytes whose freeing makes glibc look at an arena's end; it does from 64 kB on."""
+
+EachThread = Callable[[Callable[[], None]], None]
+
 
 def keep_freed_memory() -> bool:
     """Tell glibc to keep freed memory for the next update instead of returning it.
@@ -31,22 +36,41 @@ def keep_freed_memory() -> bool:
     return all([bool(library.mallopt(option, value)) for option, value in settings])
 
 
-def return_freed_memory() -> bool:
-    """Give back to the system what is free now, wherever it lies; returns whether there was any.
+def return_freed_memory(each_thread: EachThread | None = None) -> bool:
+    """Give back to the system what is free now; returns whether there was any.
 
-    Takes milliseconds, and the next update's page faults once.
+    ``each_thread`` calls its argument in every thread whose peaks matter: the free end of a
+    thread's own arena goes back only where that thread frees something. Takes milliseconds, and
+    the next update's page faults once.
     """
     library = _glibc()
-    return library is not None and bool(library.malloc_trim(0))
+    if library is None:
+        return False
+    if each_thread is not None:
+        library.mallopt(_M_TRIM_THRESHOLD, 0)
+        library.mallopt(_M_TOP_PAD, 0)
+        try:
+            each_thread(lambda: library.free(library.malloc(_ENOUGH)))
+        finally:
+            keep_freed_memory()
+    return bool(library.malloc_trim(0))
 
 
 class MemoryTide:
     """Returns freed memory every ``interval`` s, so that what one peak took is not held for ever.
 
-    Where freed memory is kept, a crowd of actors that came and went leaves its buffers behind.
+    Where freed memory is kept, a crowd of actors that came and went leaves its buffers behind, and
+    the largest of all batches what its activations took. ``each_thread``: see
+    ``return_freed_memory``.
     """
 
-    def __init__(self, interval: float = 60.0, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        each_thread: EachThread | None = None,
+        interval: float = 60.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._each_thread = each_thread
         self._interval = interval
         self._clock = clock
         self._last = clock()
@@ -56,7 +80,7 @@ class MemoryTide:
         if self._clock() - self._last < self._interval:
             return False
         self._last = self._clock()
-        return return_freed_memory()
+        return return_freed_memory(self._each_thread)
 
 
 def _glibc() -> ctypes.CDLL | None:
@@ -64,6 +88,8 @@ def _glibc() -> ctypes.CDLL | None:
         return None
     try:
         library = ctypes.CDLL("libc.so.6")
+        library.malloc.argtypes, library.malloc.restype = [ctypes.c_size_t], ctypes.c_void_p
+        library.free.argtypes, library.free.restype = [ctypes.c_void_p], None
         return library if library.mallopt and library.malloc_trim else None
     except (OSError, AttributeError):
         return None

@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
+from threading import Barrier
 from typing import TypeVar
 
 import numpy as np
@@ -37,6 +38,7 @@ __all__ = ["PPO", "DivergedError"]
 _POLICY_FIGURES = ("policy_loss", "entropy", "kl", "clip_fraction", "importance_max")
 _FORWARD_ROWS = 256  # rows per pass without gradients: fits the caches, bounds the memory
 _FORWARD_ROWS_GPU = 2048
+_NETWORKS = 2  # policy and value; each has a thread
 
 R = TypeVar("R")
 
@@ -80,7 +82,7 @@ class PPO:
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or os.cpu_count() or 1
         self.threads = max(1, cores // 2)
-        self._pool = ThreadPoolExecutor(2, "network", initializer=self._limit_threads)
+        self._pool = ThreadPoolExecutor(_NETWORKS, "network", initializer=self._limit_threads)
 
     def close(self) -> None:
         """End the threads."""
@@ -139,6 +141,17 @@ class PPO:
         """
         self._load(batch)
         return self._train(len(batch), torch.from_numpy(proximal), advantage, target)
+
+    def each_thread(self, work: Callable[[], None]) -> None:
+        """Call ``work`` in each thread that trains a network on the CPU; all have ended then."""
+        together = Barrier(_NETWORKS)
+
+        def once() -> None:
+            together.wait()  # so that neither thread does it for the other
+            work()
+
+        for future in [self._pool.submit(once) for _ in range(_NETWORKS)]:
+            future.result()
 
     # -- the two phases of an update ---------------------------------------------------------
 

@@ -11,7 +11,6 @@ import pytest
 from helpers_learner import random_trajectory, small_config
 
 from learner.learner import Learner
-from learner.memory import MemoryTide
 from learner.status import snapshot
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
@@ -100,17 +99,17 @@ def test_the_learners_time_is_all_accounted_for(start) -> None:
 
 
 def test_freed_memory_goes_back_whether_or_not_there_is_a_batch(start, monkeypatch) -> None:
-    returned: list[int] = []
-    monkeypatch.setattr("learner.memory.return_freed_memory", lambda: bool(returned.append(1)))
+    returned: list[object] = []
+    monkeypatch.setattr("learner.memory.return_freed_memory", returned.append)
     run = start()
     run.learner.advance(timeout=0.0)
     assert not returned
+    monkeypatch.setattr(run.learner._memory, "_interval", 0.0)
     for _ in range(2):
-        run.learner._memory = MemoryTide(interval=0.0)
         assert not run.learner.advance(timeout=0.0)
     assert len(returned) == 2
     run.update()
-    assert len(returned) == 3
+    assert returned == 3 * [run.learner.ppo.each_thread]
 
 
 def test_lag_is_measured_in_versions(start) -> None:

@@ -24,12 +24,12 @@ START = """
         for piece in pieces:
             ctypes.memset(ctypes.c_void_p(piece), 1, size)
         return pieces
+
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 """
 
 PEAK = """
-    def resident():
-        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
-
     before = resident()
     pieces = taken(2000, 100_000)
     for piece in pieces[:-1]:  # the last one holds the heap's top where it is
@@ -37,6 +37,23 @@ PEAK = """
     kept = resident() - before
     given = return_freed_memory()
     print(kept, resident() - before, given)
+"""
+
+PEAK_OF_A_THREAD = """
+    from concurrent.futures import ThreadPoolExecutor
+
+    pool = ThreadPoolExecutor(1)
+
+    def peak():
+        for piece in taken(500, 100_000):  # less than the 64 MB of one heap
+            libc.free(piece)
+
+    pool.submit(peak).result()
+    before = resident()
+    return_freed_memory()
+    kept = before - resident()
+    return_freed_memory(lambda work: pool.submit(work).result())
+    print(kept, before - resident())
 """
 
 AGAIN = """
@@ -51,6 +68,7 @@ AGAIN = """
             marks.append(faults())
         print(*(after - before for before, after in zip(marks, marks[1:])))
 
+    return_freed_memory(lambda work: work())  # what it changes meanwhile is as before
 """
 IN_A_THREAD = """
     thread = threading.Thread(target=work)
@@ -76,6 +94,13 @@ def test_a_peak_is_kept_until_it_is_given_back() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc's allocator")
+def test_the_end_of_a_threads_arena_goes_back_in_that_thread() -> None:
+    without, with_thread = map(float, figures(PEAK_OF_A_THREAD))
+    assert without < 24.0  # MiB of 48
+    assert with_thread > 40.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc's allocator")
 @pytest.mark.parametrize("where", ["    work()", IN_A_THREAD], ids=["main", "thread"])
 def test_what_was_freed_costs_no_page_faults_again(where: str) -> None:
     """Networks learn in threads; the pieces that their arenas consist of are kept, too."""
@@ -97,7 +122,7 @@ def test_memory_is_returned_once_an_interval(monkeypatch: pytest.MonkeyPatch) ->
     clock = Clock()
     returned: list[float] = []
 
-    def give() -> bool:
+    def give(each_thread: object) -> bool:
         returned.append(clock.now)
         return True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from copy import deepcopy
 from dataclasses import replace
 
@@ -77,6 +78,14 @@ def test_same_seed_same_bits(ppo) -> None:
         results.append((figures, [p.detach().clone() for p in trainer.policy.parameters()]))
     assert results[0][0] == results[1][0]
     assert all(torch.equal(a, b) for a, b in zip(results[0][1], results[1][1], strict=True))
+
+
+def test_each_networks_thread_is_called_once(ppo) -> None:
+    trainer, names = ppo(), []
+    trainer.each_thread(lambda: names.append(threading.current_thread().name))
+    assert sorted(names) == ["network_0", "network_1"]
+    with pytest.raises(ZeroDivisionError):
+        trainer.each_thread(lambda: 1 // 0)
 
 
 def test_linear_schedule_ends_at_zero_and_target_kl_stops(ppo) -> None:
