@@ -26,8 +26,8 @@ class Adam:
         epsilon: added to the root of the second moment.
 
     Attributes:
-        state: by parameter, once it has taken a step: ``step`` (scalar float32), ``exp_avg`` and
-            ``exp_avg_sq`` (each like the parameter), all on its device.
+        state: by parameter, from ``begin`` or its first step on: ``step`` (scalar float32),
+            ``exp_avg`` and ``exp_avg_sq`` (each like the parameter), all on its device.
     """
 
     def __init__(self, parameters: Sequence[Tensor], rate: float, epsilon: float) -> None:
@@ -50,8 +50,14 @@ class Adam:
         else:
             self._rate = rate
 
+    def begin(self) -> None:
+        """Make the moments that are missing, in the calling thread's memory."""
+        for parameter in self.parameters:
+            if parameter not in self.state:
+                self._begin(parameter)
+
     def forget_gradients(self) -> None:
-        """Let the next backward pass write gradients instead of adding to them."""
+        """Free the gradients; the next backward pass writes them instead of adding to them."""
         for parameter in self.parameters:
             parameter.grad = None
 

@@ -73,7 +73,11 @@ class Trainee:
     # -- steps -------------------------------------------------------------------------------
 
     def begin(self, inputs: MakeInputs) -> None:
-        """Start anew with figures; steps to come read from ``inputs``."""
+        """Start anew with figures; steps to come read from ``inputs``.
+
+        Call it in the thread that lives longest: it makes the moments, which stay.
+        """
+        self.optimizer.begin()
         self._inputs = inputs
         self._past.clear()
         self._sums.zero_()
@@ -107,6 +111,14 @@ class Trainee:
         """One step of Adam with the gradient, scaled down where ``norm`` exceeds its limit."""
         self.optimizer.step((norm / self._limit).clamp(min=1.0))
         self._sums[-1].add_(norm)
+
+    def end(self) -> None:
+        """Free the gradient: no step follows for now.
+
+        Best called in the thread that made it. What a thread holds between two updates would lie
+        at ever other places among activations of ever other sizes, and its memory grow by that.
+        """
+        self.optimizer.forget_gradients()
 
     def _whole_step(self, rows: Tensor, key: Hashable = None) -> None:
         self.gradient(key, rows)

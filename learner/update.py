@@ -11,7 +11,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
-from threading import Barrier
 from typing import TypeVar
 
 import numpy as np
@@ -38,7 +37,6 @@ __all__ = ["PPO", "DivergedError"]
 _POLICY_FIGURES = ("policy_loss", "entropy", "kl", "clip_fraction", "importance_max")
 _FORWARD_ROWS = 256  # rows per pass without gradients: fits the caches, bounds the memory
 _FORWARD_ROWS_GPU = 2048
-_NETWORKS = 2  # policy and value; each has a thread
 
 R = TypeVar("R")
 
@@ -82,11 +80,16 @@ class PPO:
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or os.cpu_count() or 1
         self.threads = max(1, cores // 2)
-        self._pool = ThreadPoolExecutor(_NETWORKS, "network", initializer=self._limit_threads)
+        # Always the same thread for a network: a thread's allocator fits what it did before.
+        self._threads = {
+            trainee: ThreadPoolExecutor(1, name, initializer=self._limit_threads)
+            for trainee, name in ((self._actor, "policy"), (self._critic, "value"))
+        }
 
     def close(self) -> None:
         """End the threads."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        for thread in self._threads.values():
+            thread.shutdown(wait=True, cancel_futures=True)
 
     def update(self, batch: Batch, progress: float) -> dict[str, float]:
         """Train on ``batch``; ``progress`` in [0, 1] drives the learning-rate schedule.
@@ -144,13 +147,9 @@ class PPO:
 
     def each_thread(self, work: Callable[[], None]) -> None:
         """Call ``work`` in each thread that trains a network on the CPU; all have ended then."""
-        together = Barrier(_NETWORKS)
-
-        def once() -> None:
-            together.wait()  # so that neither thread does it for the other
-            work()
-
-        for future in [self._pool.submit(once) for _ in range(_NETWORKS)]:
+        futures = [thread.submit(work) for thread in self._threads.values()]
+        wait(futures)
+        for future in futures:
             future.result()
 
     # -- the two phases of an update ---------------------------------------------------------
@@ -198,6 +197,8 @@ class PPO:
                 trainee.join()
         else:
             self._each(*((t, partial(self._alone, t, orders, inputs)) for t in both))
+        if not self._on_device:  # there torch has allocators of its own
+            self._each(*((t, t.end) for t in both))
         policy, value = (trainee.figures() for trainee in both)
         return {
             **{name: policy[name] for name in _POLICY_FIGURES},
@@ -293,7 +294,7 @@ class PPO:
     def _each(self, *work: tuple[Trainee, Callable[[], R]]) -> list[R]:
         """Do each network's work, at the same time; all of it has ended or is in order."""
         if not self._on_device:
-            futures = [self._pool.submit(call) for _, call in work]
+            futures = [self._threads[trainee].submit(call) for trainee, call in work]
             wait(futures)
             return [future.result() for future in futures]
         for trainee, _ in work:

@@ -49,10 +49,13 @@ def batches(ppo: PPO, count: int, store: RolloutStore | None = None):
 
 
 def assert_same(one: PPO, other: PPO, tolerance: float = 1e-4) -> None:
-    """Gradients and weights, each relative to the largest of its tensor."""
-    for mine, theirs in ((one.policy, other.policy), (one.value, other.value)):
+    """Means of the gradients and weights, each relative to the largest of its tensor."""
+    for network in ("policy", "value"):
+        mine, theirs = getattr(one, network), getattr(other, network)
+        moments = [getattr(ppo, f"{network}_optimizer").state for ppo in (one, other)]
         for (name, a), b in zip(mine.named_parameters(), theirs.parameters(), strict=True):
-            for x, y in ((a.grad, b.grad), (a.detach(), b.detach())):
+            means = moments[0][a]["exp_avg"], moments[1][b]["exp_avg"]
+            for x, y in (means, (a.detach(), b.detach())):
                 scale = float(x.abs().max()) + 1e-9
                 assert float((x - y.cpu()).abs().max()) < tolerance * scale, name
 

@@ -11,6 +11,7 @@ import pytest
 import torch
 from helpers_learner import random_trajectory, small_config
 
+from learner.adam import Adam
 from learner.batch import assemble, batch_advantages, learning_reward
 from learner.losses import policy_loss
 from learner.update import PPO, DivergedError
@@ -83,9 +84,40 @@ def test_same_seed_same_bits(ppo) -> None:
 def test_each_networks_thread_is_called_once(ppo) -> None:
     trainer, names = ppo(), []
     trainer.each_thread(lambda: names.append(threading.current_thread().name))
-    assert sorted(names) == ["network_0", "network_1"]
+    assert sorted(names) == ["policy_0", "value_0"]
     with pytest.raises(ZeroDivisionError):
         trainer.each_thread(lambda: 1 // 0)
+
+
+def test_a_network_is_trained_in_its_own_thread_and_keeps_no_gradient(ppo) -> None:
+    """What a thread holds between updates lies among activations, and its memory grows by it."""
+    seen: set[tuple[str, str]] = set()
+    trainer = ppo()
+    for name in ("policy", "value"):
+
+        def note(*_: object, name: str = name) -> None:
+            seen.add((name, threading.current_thread().name))
+
+        getattr(trainer, name).register_forward_hook(note)
+    batch = assemble([random_trajectory(trainer.config, seed) for seed in (3, 4)])
+    for _ in range(20):
+        trainer.update(batch, 0.0)
+    assert seen == {("policy", "policy_0"), ("value", "value_0")}
+    assert all(p.grad is None for n in (trainer.policy, trainer.value) for p in n.parameters())
+
+
+def test_moments_are_made_where_training_is_called(ppo, monkeypatch) -> None:
+    makers = []
+
+    def begin(self: Adam, parameter: torch.Tensor) -> dict[str, torch.Tensor]:
+        makers.append(threading.current_thread())
+        return make(self, parameter)
+
+    make = Adam._begin
+    monkeypatch.setattr(Adam, "_begin", begin)
+    trainer = ppo()
+    trainer.update(assemble([random_trajectory(trainer.config, 3)]), 0.0)
+    assert set(makers) == {threading.main_thread()}
 
 
 def test_linear_schedule_ends_at_zero_and_target_kl_stops(ppo) -> None:
@@ -110,7 +142,8 @@ def test_full_batch_step_equals_its_parts(ppo) -> None:
     value = whole(prepare(batch.observation, trainer.config)).squeeze(1)
     (0.5 * (value - torch.from_numpy(target)).square().mean()).backward()
     for piece, parameter in zip(trainer.value.parameters(), whole.parameters(), strict=True):
-        torch.testing.assert_close(piece.grad, parameter.grad, rtol=1e-3, atol=1e-5)
+        gradient = trainer.value_optimizer.state[piece]["exp_avg"] / 0.1  # after Adam's first step
+        torch.testing.assert_close(gradient, parameter.grad, rtol=1e-3, atol=1e-5)
 
 
 @pytest.mark.parametrize("joint", [False, True])
@@ -160,7 +193,8 @@ def test_bfloat16_keeps_float32_weights_and_learns_about_the_same() -> None:
         batch = assemble([random_trajectory(config, seed) for seed in (3, 4)])
         figures[precision] = trainer.update(batch, 0.0)
         assert all(p.dtype == torch.float32 for p in trainer.policy.parameters())
-        assert all(p.grad.dtype == torch.float32 for p in trainer.policy.parameters())
+        moments = [trainer.policy_optimizer.state[p] for p in trainer.policy.parameters()]
+        assert all(moment["exp_avg"].dtype == torch.float32 for moment in moments)
         trainer.close()
     for name in ("policy_loss", "value_loss", "entropy", "gradient_norm_value"):
         assert figures["bfloat16"][name] == pytest.approx(figures["float32"][name], rel=0.05)
