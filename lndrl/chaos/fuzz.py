@@ -18,7 +18,7 @@ from rich.table import Table
 from lndrl.chaos.files import FileFindings, fuzz_files
 from lndrl.chaos.flood import Sent
 from lndrl.chaos.ledger import LearnerBook, files_of, lines_of
-from lndrl.chaos.monitor import Monitor, Tail, cpu_seconds, resources
+from lndrl.chaos.monitor import Monitor, Tail, cpu_seconds
 from lndrl.chaos.run import start
 from lndrl.chaos.stage import LEAVE_WITHIN, Child, Stage
 from lndrl.chaos.turns import CALM, Cost, Mark, cost
@@ -39,6 +39,7 @@ class FuzzReport:
     tracebacks: int
     cost: Cost
     memory_growth: float | None
+    memory_by_fifth: list[float]
     lost: int
     duplicated: int
     seconds: float
@@ -89,6 +90,7 @@ class FuzzReport:
             "rate_ratio_most": cost.most,
             "learner_ms_per_message": cost.ms_per_message,
             "memory_growth": self.memory_growth,
+            "memory_megabytes_by_fifth": self.memory_by_fifth,
             "lost": self.lost,
             "duplicated": self.duplicated,
             "seconds": round(self.seconds, 1),
@@ -115,10 +117,8 @@ def run_fuzz(
     try:
         show("starting")
         start(stage, monitor, stop)
-        memory = _memory(stage)
         flood = _Watch(stage, monitor, stop, show)
         flood.run(count, seed, rate)
-        now = _memory(stage)
         died = not stage.learner.alive()
         stage.finish()
     finally:
@@ -136,7 +136,8 @@ def run_fuzz(
         deaths=int(died),
         tracebacks=tracebacks,
         cost=flood.cost(),
-        memory_growth=now / memory - 1.0 if now and memory else None,
+        memory_growth=monitor.memory_growth(),
+        memory_by_fifth=monitor.memory_by_fifth(),
         lost=sum(book.lost().values()),
         duplicated=book.duplicated,
         seconds=flood.end - flood.begin,
@@ -216,9 +217,3 @@ class _Watch:
                 self.sent = Sent.read(line)
                 return True
         return False
-
-
-def _memory(stage: Stage) -> float | None:
-    """Resident bytes of the learner, the median of a few looks."""
-    looks = [used[0] for _ in range(5) if (used := resources(stage.learner.pid)) is not None]
-    return statistics.median(looks) if looks else None

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from lndrl.chaos import monitor
 from lndrl.chaos.fuzz import run_fuzz
 from lndrl.chaos.run import ChaosOptions, run_chaos
 from lndrl.chaos.stage import descendants, lives
@@ -39,7 +40,11 @@ def test_nothing_is_lost_in_a_short_chaos(tmp_path: Path) -> None:
     json.dumps(found)
 
 
-def test_a_learner_survives_malformed_messages(tmp_path: Path) -> None:
+def test_a_learner_survives_malformed_messages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(monitor, "WARM_UP", 0.0)
+    monkeypatch.setattr(monitor, "LIFE_LEAST", 1.0)
     report = run_fuzz(240, 1, 400.0, tmp_path)  # sent at the lowest priority: slow among tests
     found = report.to_dict()
     assert found["crashes"] == 0, found
@@ -47,6 +52,8 @@ def test_a_learner_survives_malformed_messages(tmp_path: Path) -> None:
     assert found["refused"] > 120
     assert found["taken_wrongly"] == 0, found
     assert {"upload", "hello", "weights", "status", "actors"} <= set(found["messages_by_kind"])
+    assert abs(found["memory_growth"]) < 1.0
+    assert all(megabytes > 50.0 for megabytes in found["memory_megabytes_by_fifth"])
 
 
 def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
