@@ -60,8 +60,8 @@ class MemoryTide:
     """Returns freed memory every ``interval`` s, so that what one peak took is not held for ever.
 
     Where freed memory is kept, a crowd of actors that came and went leaves its buffers behind, and
-    the largest of all batches what its activations took. At every 15 s the page faults of the
-    largest networks cost less than a hundredth. ``each_thread``: see ``return_freed_memory``.
+    the largest of all batches what its activations took. Each return costs one update its page
+    faults, so not after every one. ``each_thread``: see ``return_freed_memory``.
     """
 
     def __init__(

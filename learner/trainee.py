@@ -115,8 +115,8 @@ class Trainee:
     def end(self) -> None:
         """Free the gradient: no step follows for now.
 
-        Best called in the thread that made it. What a thread holds between two updates would lie
-        at ever other places among activations of ever other sizes, and its memory grow by that.
+        Best called in the thread that made it: its memory is then nearly empty between updates,
+        and can go back to the system.
         """
         self.optimizer.forget_gradients()
 

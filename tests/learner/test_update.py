@@ -90,7 +90,7 @@ def test_each_networks_thread_is_called_once(ppo) -> None:
 
 
 def test_a_network_is_trained_in_its_own_thread_and_keeps_no_gradient(ppo) -> None:
-    """What a thread holds between updates lies among activations, and its memory grows by it."""
+    """So that its memory is nearly empty between updates, and can go back to the system."""
     seen: set[tuple[str, str]] = set()
     trainer = ppo()
     for name in ("policy", "value"):
