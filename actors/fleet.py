@@ -281,7 +281,7 @@ def run_fleet(
     if fleet.error:
         print(fleet.error, file=sys.stderr, flush=True)
     elif code is None:
-        _print(f"stopped {count} actors")
+        _print(f"stopped {count} actor{'s' if count != 1 else ''}")
     return code or 0
 
 

@@ -22,6 +22,20 @@ def roles_in(folder: Path) -> tuple[str, ...]:
     return tuple(role for role in ROLES if (folder / f"{role}.pem").exists())
 
 
+def name_shown(folder: Path, role: str) -> str | None:
+    """Whom the role's certificate names, whatever its file is called; None if it cannot be read."""
+    try:
+        return _name(load_certificate(folder / f"{role}.pem"))
+    except UserError:
+        return None
+
+
+def _name(certificate: x509.Certificate) -> str:
+    """What access control goes by."""
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(names[0].value) if names else "nobody"
+
+
 def check_files(
     folder: Path, role: str | None, now: datetime | None = None, name: str = "certificates"
 ) -> tuple[Check, bool]:
@@ -93,8 +107,7 @@ def _wrong(
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):
         return f"{file} is of another authority than ca.pem beside it; copy both from one place"
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    found = str(names[0].value) if names else "nobody"
+    found = _name(certificate)
     if found != common_name(role):
         return (
             f"{file} names {found}, not {common_name(role)}; access control goes by this name:"

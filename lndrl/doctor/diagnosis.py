@@ -295,5 +295,8 @@ def _who(target: Target) -> str:
     if target.user is not None:
         names.append(f"user {target.user}")
     if target.certificates is not None and target.endpoint.startswith("tls/"):
-        names.append(f"certificate lndrl-{target.role}" if target.role else "no certificate")
+        from lndrl.doctor.certificate_checks import name_shown
+
+        shown = target.role and name_shown(target.certificates, target.role)
+        names.append(f"certificate {shown}" if shown else "no certificate")
     return " with ".join(names) or "a connection without name"

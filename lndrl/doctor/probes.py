@@ -153,7 +153,7 @@ def check_tls(
             " with the ca.pem that `lndrl certs` made"
         )
         return Check(name, FAILED, text)
-    shown = f"the {role} certificate" if role is not None else "no certificate of ours"
+    shown = f"{role}.pem" if role is not None else "no certificate of ours"
     return Check(name, OK, f"{version}, the learner is believed and takes {shown}")
 
 

@@ -107,6 +107,18 @@ def test_another_name_is_told_with_the_right_ones(folder: Path, ours: Path) -> N
     assert "not made for 127.0.0.1 but for robot.lab, 10.1.2.3;" in checks["actor: tls"].text
 
 
+@pytest.mark.parametrize("role", ["actor", "learner"])
+def test_a_certificate_under_another_files_name_is_told(
+    role: str, folder: Path, standing: str, ours: Path
+) -> None:
+    for kind in ("pem", "key"):
+        (ours / f"{role}.{kind}").write_bytes((ours / f"dashboard.{kind}").read_bytes())
+    checks = examine(standing, certificates=ours, role=role)
+    assert f"{role}: certificates" in failed(checks)
+    assert checks[f"{role}: tls"].text.endswith(f"takes {role}.pem")
+    assert checks[f"{role}: session"].text.endswith("lets in certificate lndrl-dashboard")
+
+
 def test_an_actor_that_poses_as_the_learner_is_told(folder: Path) -> None:
     posing = {"listen_certificate": "actor.pem", "listen_private_key": "actor.key"}
     changed = {name: str(folder / file) for name, file in posing.items()}
