@@ -344,7 +344,7 @@ def test_impossible_plans_are_refused() -> None:
         ({"settings": {}}, "no setting"),
     ]:
         with pytest.raises(UserError, match=sentence):
-            measure_localization(Plan(**(good | change)))  # type: ignore[arg-type]
+            measure_localization(Plan(**(good | change)))
 
 
 def test_a_place_where_nobody_walks_takes_no_pedestrians() -> None:

@@ -58,7 +58,7 @@ def test_trouble_in_a_worker_ends_in_a_sentence(
 def test_an_abandoned_iteration_leaves_no_worker(pool_work: ModuleType) -> None:
     results = run_tasks(pool_work.squares, (0,), range(100), 1)
     next(results)
-    results.close()  # type: ignore[attr-defined]
+    results.close()
     assert multiprocessing.active_children() == []
 
 
