@@ -27,6 +27,35 @@ class Model(BaseModel):
 
 M = TypeVar("M", bound=Model)
 
+LATER = "later"
+"""Marks a key, ``Annotated[T, LATER]``, that came after hashes were frozen: see ``effective``."""
+
+
+def effective(model: Model) -> dict[str, Any]:
+    """``model`` as plain JSON data, for hashes that say whether two behave alike.
+
+    A key that is marked LATER is left out where it has its default, which does nothing: so what
+    was hashed before the key existed still has its hash.
+    """
+    data = model.model_dump(mode="json")
+    for name, field in type(model).model_fields.items():
+        value = getattr(model, name)
+        if LATER in field.metadata and value == field.get_default(call_default_factory=True):
+            del data[name]
+        else:
+            data[name] = _effective_value(value, data[name])
+    return data
+
+
+def _effective_value(value: Any, dumped: Any) -> Any:
+    if isinstance(value, Model):
+        return effective(value)
+    if isinstance(value, (list, tuple)):
+        return [_effective_value(v, d) for v, d in zip(value, dumped, strict=True)]
+    if isinstance(value, dict):
+        return {key: _effective_value(value[key], dumped[key]) for key in dumped}
+    return dumped
+
 
 def load_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; raises UserError with file and line otherwise."""

@@ -22,7 +22,7 @@ from lndrl.config.localization import LocalizationConfig
 from lndrl.config.task import TaskConfig
 from lndrl.config.world import WorldConfig
 from lndrl.errors import UserError
-from lndrl.models import Model, load_yaml, validate
+from lndrl.models import Model, effective, load_yaml, validate
 from lndrl.scenario import Scenario
 
 _HERE = Path(__file__).resolve().parent
@@ -87,8 +87,8 @@ class RunConfig(Model):
         return min(MOST_WORLDS, max(1, int(samples / self.actor.horizon)))
 
     def content_hash(self) -> str:
-        """Twelve hex digits that change when any value changes."""
-        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        """Twelve hex digits that change when any value changes; see ``effective``."""
+        text = json.dumps(effective(self), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 from pydantic import Field
 
 from lndrl.errors import UserError
-from lndrl.models import Model, load_yaml, validate
+from lndrl.models import LATER, Model, effective, load_yaml, validate
 
 
 class Wheel(Model):
@@ -86,3 +87,23 @@ def test_a_missing_file_and_a_folder(tmp_path: Path) -> None:
         load_yaml(tmp_path / "nowhere.yaml")
     with pytest.raises(UserError, match="cannot be read"):
         load_yaml(tmp_path)
+
+
+class Trailer(Model):
+    length: float = 1.0
+    lamps: Annotated[int, LATER] = 0
+
+
+class Convoy(Model):
+    trailers: list[Trailer] = Field(default_factory=list)
+    named: dict[str, Trailer] = Field(default_factory=dict)
+    speed: Annotated[float | None, LATER] = None
+
+
+def test_a_later_key_at_its_default_is_no_part_of_what_is_hashed() -> None:
+    convoy = Convoy(trailers=[Trailer()], named={"last": Trailer(lamps=2)})
+    assert effective(convoy) == {
+        "trailers": [{"length": 1.0}],
+        "named": {"last": {"length": 1.0, "lamps": 2}},
+    }
+    assert effective(Convoy(speed=1.5))["speed"] == 1.5

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
-from lndrl.models import Model, load_yaml, validate
+from lndrl.models import Model, effective, load_yaml, validate
 from lndrl.planners import PlannerSource, planner_source
 from lndrl.planners.factory import RULES
 
@@ -190,9 +190,9 @@ def bench_hash(config: RunConfig) -> str:
     """
     task = config.task
     parts = {
-        "scenario": config.scenario.model_dump(mode="json"),
-        "world": config.world.model_dump(mode="json"),
-        "localization": config.localization.model_dump(mode="json", exclude={"kind"}),
+        "scenario": effective(config.scenario),
+        "world": effective(config.world),
+        "localization": {k: v for k, v in effective(config.localization).items() if k != "kind"},
         "task": [task.arrive_distance, task.lost_distance, task.lost_angle, task.time_limit],
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
