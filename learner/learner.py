@@ -9,9 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from learner.accounts import Accounts
-from learner.batch import Batch, assemble
-from learner.checkpoint import (
+from learner.intake.accounts import Accounts
+from learner.intake.ingest import Chunk, Ingest
+from learner.intake.ledger import Ledger
+from learner.intake.roster import Roster
+from learner.memory import MemoryTide, keep_freed_memory
+from learner.ppo.batch import Batch, assemble
+from learner.ppo.rollout_store import RolloutStore
+from learner.ppo.update import PPO, DivergedError
+from learner.run.checkpoint import (
     Counters,
     clean_up,
     damaged,
@@ -21,16 +27,10 @@ from learner.checkpoint import (
     set_aside_later,
     start_from,
 )
-from learner.events import EventLog
-from learner.folder import RunFolder
-from learner.ingest import Chunk, Ingest
-from learner.ledger import Ledger
-from learner.memory import MemoryTide, keep_freed_memory
-from learner.record import EpisodeWindow, Recorder, RunSummary
-from learner.rollout_store import RolloutStore
-from learner.roster import Roster
+from learner.run.events import EventLog
+from learner.run.folder import RunFolder
+from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.timing import TimeSplit
-from learner.update import PPO, DivergedError
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.policy import to_bytes

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Event
 
 from learner.learner import Learner
-from learner.record import RunSummary, quiet_tensorboard
+from learner.run.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
 from lndrl.config import RunConfig
 from lndrl.transport import Security, open_learner

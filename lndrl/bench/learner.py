@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from learner.batch import Batch
 from learner.memory import keep_freed_memory
-from learner.update import PPO
+from learner.ppo.batch import Batch
+from learner.ppo.update import PPO
 from lndrl.bench.report import device_name, median_seconds
 from lndrl.bench.scene import hybrid_config, observations
 from lndrl.navigation import Observation

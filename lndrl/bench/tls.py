@@ -20,7 +20,7 @@ from typing import Any
 
 from lndrl.bench.training import CONFIG, WARM_UPDATES, Rows, Training, span
 from lndrl.config import load_config
-from lndrl.transport.certificates import create
+from lndrl.transport.security.certificates import create
 
 _TURN = 10.0  # s at least
 _LEAST_TURNS = 2  # of each run

@@ -29,7 +29,7 @@ from lndrl.transport import (
     open_actor,
     open_learner,
 )
-from lndrl.transport.certificates import create
+from lndrl.transport.security.certificates import create
 
 _WARM_UP_CHUNKS = 5
 _PATIENCE = 600.0

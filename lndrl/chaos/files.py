@@ -150,8 +150,8 @@ def _maps(folder: Path) -> list[Sample]:
 def _checkpoint(folder: Path) -> list[Sample]:
     """The files of a checkpoint of a tiny network."""
     # The one room that is looked into: its loader is what is tested.
-    from learner.checkpoint import Counters, load_checkpoint, save_checkpoint
-    from learner.update import PPO
+    from learner.ppo.update import PPO
+    from learner.run.checkpoint import Counters, load_checkpoint, save_checkpoint
 
     data = load_config(REPOSITORY_CONFIGS / "lndrl.yaml").model_dump(mode="json")
     for section, values in SMALL.items():

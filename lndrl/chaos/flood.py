@@ -31,7 +31,7 @@ from lndrl.errors import UserError
 from lndrl.transport import Ack, MessageError, Refusal, Welcome
 from lndrl.transport.keys import HELLO
 from lndrl.transport.messages import decode, encode
-from lndrl.transport.zenoh_session import (
+from lndrl.transport.zenoh.session import (
     UnreachableError,
     ZenohSession,
     first_answer,

@@ -23,8 +23,8 @@ from actors.actor import Actor
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.ledger import Entry
-from lndrl.transport.zenoh_actor import ZenohActor
-from lndrl.transport.zenoh_session import ZenohSession
+from lndrl.transport.zenoh.actor import ZenohActor
+from lndrl.transport.zenoh.session import ZenohSession
 
 HABITS = ("duplicated", "dropped", "unheard", "delayed", "echoed", "truncated", "cut_behind")
 LATEST = 3.0

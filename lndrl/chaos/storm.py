@@ -26,7 +26,7 @@ from lndrl.transport import Ack, Welcome
 from lndrl.transport.keys import ACTORS, HELLO, UPLOAD
 from lndrl.transport.ledger import Book, Entry
 from lndrl.transport.messages import decode, encode
-from lndrl.transport.zenoh_session import (
+from lndrl.transport.zenoh.session import (
     UnreachableError,
     ZenohSession,
     first_answer,

@@ -42,16 +42,36 @@ SUMMARIES = {
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",
 }
+# Which room of lndrl.cli a command lives in; the others stand at its door.
+ROOMS = {
+    "training": ("train", "train-all", "sweep", "curves"),
+    "evaluation": (
+        "evaluate",
+        "benchmark",
+        "calibrate",
+        "figures",
+        "localization",
+        "play",
+        "scenarios",
+    ),
+    "fleet": ("learner", "actor", "dashboard", "certs", "doctor", "chaos"),
+}
 
 _SETTING = re.compile(r"[A-Za-z_][\w.]*=")
 # Options of `lndrl certs` that take several values.
 _LISTS = ("--host", "--renew")
 
 
+def module_of(name: str) -> str:
+    """The module that the command ``name`` lives in."""
+    inner = [f"{room}." for room, names in ROOMS.items() if name in names]
+    return f"lndrl.cli.{''.join(inner)}{name.replace('-', '_')}"
+
+
 def load_command(name: str) -> Any:
-    """The typer command ``name``, from the function or group of that name in ``lndrl.cli.NAME``."""
+    """The typer command ``name``: the function or group of that name in the file of that name."""
     identifier = name.replace("-", "_")
-    found = getattr(import_module(f"lndrl.cli.{identifier}"), identifier)
+    found = getattr(import_module(module_of(name)), identifier)
     if isinstance(found, typer.Typer):
         command = get_command(found)
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, overload
 
 import typer
 
@@ -128,3 +128,12 @@ def check_picture(out: Path) -> None:
         raise UserError(f"--out {out}: folder {out.parent} does not exist")
     if out.is_dir():
         raise UserError(f"--out {out}: is a folder; name a file")
+
+
+@overload
+def names_in(text: str) -> list[str]: ...
+@overload
+def names_in(text: str | None) -> list[str] | None: ...
+def names_in(text: str | None) -> list[str] | None:
+    """The parts of ``A,B,...``; None for None."""
+    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]

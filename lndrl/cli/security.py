@@ -102,7 +102,7 @@ def connecting(
 ) -> Security:
     """The security of whoever connects; raises UserError for a password that cannot be had."""
     from lndrl.transport import Security
-    from lndrl.transport.security import read_password
+    from lndrl.transport.security.identity import read_password
 
     password = None
     if password_file is not None:

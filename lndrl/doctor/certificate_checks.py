@@ -12,7 +12,7 @@ from cryptography.x509.oid import NameOID
 
 from lndrl.doctor.probes import FAILED, OK, Check
 from lndrl.errors import UserError
-from lndrl.transport.certificates import ROLES, common_name, load_certificate
+from lndrl.transport.security.certificates import ROLES, common_name, load_certificate
 
 SOON = timedelta(days=30)
 

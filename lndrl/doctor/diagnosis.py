@@ -31,11 +31,11 @@ from lndrl.doctor.probes import (
     speaks_tls,
 )
 from lndrl.errors import UserError
-from lndrl.transport.access import ROLES, role_of
 from lndrl.transport.keys import PING
 from lndrl.transport.messages import PROTOCOL_VERSION
-from lndrl.transport.security import Security, settings
-from lndrl.transport.zenoh_session import UnreachableError, ZenohSession, open_session
+from lndrl.transport.security.access import ROLES, role_of
+from lndrl.transport.security.identity import Security, settings
+from lndrl.transport.zenoh.session import UnreachableError, ZenohSession, open_session
 from lndrl.version import VERSION
 
 # What does not speak TLS keeps silent when it is asked to.

@@ -15,10 +15,10 @@ from typing import Any
 import zenoh
 
 from lndrl.doctor.probes import FAILED, OK, SKIPPED, Check
-from lndrl.transport.access import EVERY_UPLOAD, RIGHTS, ROLES, Right
 from lndrl.transport.keys import ANNOUNCE, PING, PREFIX, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import NO_WEIGHTS, MessageError, WeightsAnnouncement, decode
-from lndrl.transport.zenoh_session import ZenohSession, first_answer
+from lndrl.transport.security.access import EVERY_UPLOAD, RIGHTS, ROLES, Right
+from lndrl.transport.zenoh.session import ZenohSession, first_answer
 
 ANSWER_SECONDS = 3.0
 # An upload waits behind those that the learner takes in while it learns.

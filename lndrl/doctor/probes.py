@@ -223,7 +223,7 @@ def _not_tls(address: Address) -> str:
 def _shown_names(address: Address, timeout: float) -> list[str]:
     from cryptography import x509
 
-    from lndrl.transport.certificates import host_names
+    from lndrl.transport.security.certificates import host_names
 
     with (
         contextlib.suppress(OSError, ValueError),

@@ -30,7 +30,7 @@ from lndrl.transport.messages import (
     pack,
     unpack,
 )
-from lndrl.transport.security import Security
+from lndrl.transport.security.identity import Security
 
 __all__ = [
     "NO_WEIGHTS",
@@ -68,7 +68,7 @@ def open_learner(
 
     Without ``security`` plain TCP, and loopback only.
     """
-    from lndrl.transport.zenoh_learner import ZenohLearner
+    from lndrl.transport.zenoh.learner import ZenohLearner
 
     return ZenohLearner(config, run_id, security)
 
@@ -77,7 +77,7 @@ def open_actor(
     endpoint: str, config: TransportConfig | None = None, security: Security | None = None
 ) -> ActorEndpoint:
     """An actor of the learner at ``endpoint``; raises UserError for a bad address."""
-    from lndrl.transport.zenoh_actor import ZenohActor
+    from lndrl.transport.zenoh.actor import ZenohActor
 
     return ZenohActor(endpoint, config, security)
 
@@ -86,13 +86,13 @@ def open_viewer(
     endpoint: str, config: TransportConfig | None = None, security: Security | None = None
 ) -> ViewerEndpoint:
     """A dashboard of the learner at ``endpoint``; raises UserError for a bad address."""
-    from lndrl.transport.zenoh_viewer import ZenohViewer
+    from lndrl.transport.zenoh.viewer import ZenohViewer
 
     return ZenohViewer(endpoint, config, security)
 
 
 def free_endpoint(host: str = "127.0.0.1") -> str:
     """An endpoint on a port that is free at this moment."""
-    from lndrl.transport.zenoh_session import free_endpoint as find
+    from lndrl.transport.zenoh.session import free_endpoint as find
 
     return find(host)

@@ -14,7 +14,7 @@ import pytest
 
 from actors.fleet import Fleet, run_fleet
 from lndrl.transport import Security, free_endpoint, open_learner
-from tests.lndrl.transport.authority import make_certificates
+from tests.lndrl.transport.security.authority import make_certificates
 
 PATIENCE = 90.0  # s, for machines with much else to do
 

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from learner.events import EventLog
-from learner.ingest import Ingest
-from learner.roster import Roster
+from learner.intake.ingest import Ingest
+from learner.intake.roster import Roster
+from learner.run.events import EventLog
 from lndrl.chaos.forged import forged_arrays, forged_header, forged_hello
 from lndrl.chaos.messages import Forger, Malformed
 from lndrl.config import RunConfig, load_config

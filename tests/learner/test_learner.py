@@ -8,16 +8,16 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers_learner import random_trajectory, small_config
 
 from learner.learner import Learner
 from learner.status import snapshot
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
+from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
 from lndrl.transport.status import LEARNER_ACTIVITIES, overhead, parse_history, parse_status
 from lndrl.version import VERSION
-from lndrl.view.metrics import read_metrics
+from tests.learner.helpers_learner import random_trajectory, small_config
 
 
 class Run:

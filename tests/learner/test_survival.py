@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_learner import random_trajectory
-from test_learner import Run, start
 
-from learner.checkpoint import list_checkpoints
+from learner.ppo.update import DivergedError
+from learner.run.checkpoint import list_checkpoints
 from learner.status import snapshot
-from learner.update import DivergedError
 from lndrl.errors import UserError
 from lndrl.transport import ChunkHeader
 from lndrl.transport.status import parse_status
+from tests.learner.helpers_learner import random_trajectory
+from tests.learner.test_learner import Run, start
 
 assert start is not None  # the fixture
 
@@ -223,13 +223,13 @@ def test_a_disk_that_takes_nothing_stops_nothing(start, monkeypatch, tmp_path: P
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("learner.lines.os.write", refuse)
-        patch.setattr("learner.checkpoint.os.fsync", refuse)
+        patch.setattr("learner.run.lines.os.write", refuse)
+        patch.setattr("learner.run.checkpoint.os.fsync", refuse)
         patch.setattr(Path, "write_text", refuse)
         patch.setattr("torch.utils.tensorboard.SummaryWriter.add_scalar", refuse)
         run.update(3)
         run.learner.end()
-    monkeypatch.setattr("learner.lines._RETRY", 0.0)
+    monkeypatch.setattr("learner.run.lines._RETRY", 0.0)
     texts = " ".join(event["text"] for event in run.learner.events.recent())
     for name in ("events.log", "ledger.jsonl", "metrics.jsonl", "tensorboard", "summary.json"):
         assert f"{name}" in texts
@@ -260,7 +260,7 @@ def test_the_clock_may_jump(start, monkeypatch) -> None:
 def test_a_silent_actor_is_slow_by_its_own_rhythm(start, monkeypatch) -> None:
     run = start(ppo={"batch_size": 4096, "minibatch_size": 16})
     now = [1000.0]
-    monkeypatch.setattr("learner.roster.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("learner.intake.roster.time.monotonic", lambda: now[0])
     run.learner.roster._members.clear()
 
     def state() -> str:

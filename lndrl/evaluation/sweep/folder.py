@@ -19,8 +19,8 @@ from typing import Any, ClassVar, Literal, Protocol
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.result import EvaluationResult, load_result
+from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.evaluation.sweep.spec import Sweep
-from lndrl.view.metrics import read_metrics
 
 State = Literal["missing", "begun", "diverged", "finished"]
 

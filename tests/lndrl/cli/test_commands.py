@@ -58,7 +58,7 @@ def services(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Services:
 
     stand_in("learner.service", run_learner="learner")
     stand_in("actors.fleet", run_fleet="fleet")
-    stand_in("lndrl.cli.training", train_locally="local", train_serially="serial")
+    stand_in("lndrl.cli.training.local", train_locally="local", train_serially="serial")
     monkeypatch.chdir(tmp_path)
     Path("run.yaml").write_text(yaml.safe_dump({"scenario": SCENARIO, "seed": 5}))
     return fake

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lndrl.doctor import diagnosis, permissions, probes
-from lndrl.transport.certificates import create
+from lndrl.transport.security.certificates import create
 from tests.lndrl.doctor.examined import learner, mutual
 
 

@@ -20,7 +20,7 @@ from lndrl.transport import (
 )
 from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import encode
-from lndrl.transport.zenoh_session import open_session
+from lndrl.transport.zenoh.session import open_session
 from lndrl.version import VERSION
 
 PONG = {"program_version": VERSION, "protocol": PROTOCOL_VERSION, "run_id": "first"}

@@ -22,9 +22,9 @@ from lndrl.transport import (
     free_endpoint,
     open_learner,
 )
-from lndrl.transport.access import ROLES
 from lndrl.transport.keys import PING, STATUS
-from lndrl.transport.zenoh_session import open_session
+from lndrl.transport.security.access import ROLES
+from lndrl.transport.zenoh.session import open_session
 from lndrl.version import VERSION
 from tests.lndrl.doctor.examined import (
     ALL_KEYS,

@@ -13,7 +13,7 @@ from lndrl.transport import (
     certificates,
     free_endpoint,
 )
-from lndrl.transport.certificates import create, renew
+from lndrl.transport.security.certificates import create, renew
 from tests.lndrl.doctor.examined import examine, failed, learner, mutual
 
 NOW = datetime.now(UTC)

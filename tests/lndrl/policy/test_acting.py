@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from test_networks import make_config, random_observation
 
 from lndrl.policy import PolicyRunner, initial_weights
 from lndrl.policy.acting import DevicePolicy
+from tests.lndrl.policy.test_networks import make_config, random_observation
 
 CONFIG = make_config(map_channels=(4, 4, 4), features=16, goal_features=4)
 

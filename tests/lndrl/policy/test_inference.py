@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from test_networks import make_config, random_observation
 
 from lndrl.errors import UserError
 from lndrl.policy import PolicyRunner, build_policy, initial_weights, load_into, load_policy
+from tests.lndrl.policy.test_networks import make_config, random_observation
 
 CONFIG = make_config(map_channels=(4, 4, 4), features=16, goal_features=4)
 

@@ -7,12 +7,12 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from test_networks import make_config, random_observation
 
 from lndrl.config import TaskConfig
 from lndrl.navigation import draw_pedestrian_map
 from lndrl.policy import CompactObservation, prepare
 from lndrl.policy.raster import draw_on_device
+from tests.lndrl.policy.test_networks import make_config, random_observation
 
 TASKS = [
     TaskConfig(),

@@ -7,10 +7,10 @@ import os
 from pathlib import Path
 
 import pytest
-from helpers_sweep import sweep_file
 
-from lndrl.cli import sweep as command
 from lndrl.cli.main import run
+from lndrl.cli.training import sweep as command
+from tests.lndrl.evaluation.sweep.helpers_sweep import sweep_file
 
 TINY = [
     "network.map_channels=[4,4,8]",

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers_sweep import rows_of, small_sweep, write_run
 
 from lndrl.evaluation.sweep import Estimate, sweep_figures
 from lndrl.evaluation.sweep.figures import arrival_curve, compare, run_figures, totals
+from tests.lndrl.evaluation.sweep.helpers_sweep import rows_of, small_sweep, write_run
 
 HALF = ["arrived", "lost"] * 450
 LEARNING = ["collided"] * 600 + ["arrived"] * 300

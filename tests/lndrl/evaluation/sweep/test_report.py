@@ -6,12 +6,12 @@ import io
 from pathlib import Path
 
 import pytest
-from helpers_sweep import rows_of, small_sweep, write_run
 from PIL import Image
 from rich.console import Console
 
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep import Job, Progress, SweepFigures, sweep_figures
+from lndrl.view.pictures.sweep_curves import save_sweep
 from lndrl.view.sweep import (
     SweepDisplay,
     outcome_rows,
@@ -20,7 +20,7 @@ from lndrl.view.sweep import (
     sweep_tables,
     write_between_marks,
 )
-from lndrl.view.sweep_curves import save_sweep
+from tests.lndrl.evaluation.sweep.helpers_sweep import rows_of, small_sweep, write_run
 
 
 @pytest.fixture

@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
-from helpers_sweep import rows_of, small_sweep, write_run
 
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep import Job, Progress, SweepFolder, Work, next_job
 from lndrl.evaluation.sweep.processes import RealProcess
+from tests.lndrl.evaluation.sweep.helpers_sweep import rows_of, small_sweep, write_run
 
 ROWS = rows_of(["arrived", "lost"] * 50, 1000, 10)
 

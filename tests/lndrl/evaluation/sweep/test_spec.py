@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 import yaml
-from helpers_sweep import small_sweep, sweep_file
 
 from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep import load_sweep
+from tests.lndrl.evaluation.sweep.helpers_sweep import small_sweep, sweep_file
 
 
 def test_seeds_are_interleaved_and_settings_applied(tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""Who may send what, and what became of it: chunks in, accounts and a ledger of every one."""

@@ -1,0 +1,84 @@
+"""From trajectories to one flat batch of samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from learner.ppo.advantages import generalized_advantages
+from learner.ppo.rollout_store import RolloutStore
+from lndrl.config import PPOConfig
+from lndrl.navigation import Observation, Trajectory
+
+
+@dataclass(frozen=True)
+class Batch:
+    """N samples, plus F observations that only bootstrap.
+
+    observation (N) and the arrays (N,) go chunk by chunk, each flattened as t * B + b;
+    final_observation (F) likewise in the order of the chunks.
+    """
+
+    trajectories: tuple[Trajectory, ...]
+    observation: Observation
+    final_observation: Observation
+    action: NDArray[np.int64]
+    log_prob: NDArray[np.float32]
+    version: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.action)
+
+
+def assemble(trajectories: Sequence[Trajectory], store: RolloutStore | None = None) -> Batch:
+    """Join at least one trajectory into a batch.
+
+    With a ``store`` the batch lives in its memory, until the next one is assembled there.
+    """
+    return Batch(tuple(trajectories), *(store or RolloutStore()).fill(trajectories))
+
+
+def batch_advantages(
+    batch: Batch,
+    value: NDArray[np.float32],
+    final_value: NDArray[np.float32],
+    ppo: PPOConfig,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Advantages and value targets (N,) from values (N,) and final values (F,)."""
+    advantage, target = np.empty_like(value), np.empty_like(value)
+    at_cuts = np.zeros_like(value)
+    firsts = np.cumsum([0, *(t.action.size for t in batch.trajectories)])
+    places = [t.final_index + n for t, n in zip(batch.trajectories, firsts, strict=False)]
+    at_cuts[np.concatenate(places)] = final_value
+    for steps in {t.steps: None for t in batch.trajectories}:
+        # Chunks of one length lie side by side: the loop over time runs once for all of them.
+        members = [i for i, t in enumerate(batch.trajectories) if t.steps == steps]
+        chunks = [batch.trajectories[i] for i in members]
+        rows = [np.s_[firsts[i] : firsts[i + 1]] for i in members]
+        terminated = np.concatenate([t.terminated for t in chunks], axis=1).astype(bool)
+        truncated = np.concatenate([t.truncated for t in chunks], axis=1).astype(bool)
+        if not ppo.bootstrap_truncated:
+            terminated, truncated = terminated | truncated, np.zeros_like(truncated)
+        results = generalized_advantages(
+            learning_reward(np.concatenate([t.reward for t in chunks], axis=1), ppo),
+            np.concatenate([value[r].reshape(steps, -1) for r in rows], axis=1),
+            terminated,
+            truncated,
+            np.concatenate([at_cuts[r].reshape(steps, -1) for r in rows], axis=1),
+            ppo.gamma,
+            ppo.gae_lambda,
+        )
+        borders = np.cumsum([t.worlds for t in chunks])[:-1]
+        for whole, result in zip((advantage, target), results, strict=True):
+            for r, columns in zip(rows, np.split(result, borders, axis=1), strict=True):
+                whole[r] = columns.reshape(-1)
+    return advantage, target
+
+
+def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:
+    """Rewards as the learner uses them: scaled, then clipped where a limit is set."""
+    scaled = reward * np.float32(ppo.reward_scale)
+    return scaled if ppo.reward_limit is None else scaled.clip(-ppo.reward_limit, ppo.reward_limit)

@@ -1,0 +1,315 @@
+"""One PPO update: both networks trained side by side on one batch.
+
+Policy and value network share nothing but what they read, so they are trained at the same time.
+On the CPU each has a thread: two matrix products at a time keep two cores busier than one product
+that is split over both. A GPU is fed by one thread and has a stream for each network.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from learner.ppo.batch import Batch, batch_advantages
+from learner.ppo.losses import explained_variance, policy_loss, value_loss
+from learner.ppo.safeguard import Safeguard
+from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
+from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
+from lndrl.config import RunConfig
+from lndrl.policy import (
+    NavigationNetwork,
+    build_policy,
+    build_value,
+    resolve_device,
+    supports_sparse,
+)
+
+__all__ = ["PPO", "DivergedError"]
+
+_POLICY_FIGURES = ("policy_loss", "entropy", "kl", "clip_fraction", "importance_max")
+_FORWARD_ROWS = 256  # rows per pass without gradients: fits the caches, bounds the memory
+_FORWARD_ROWS_GPU = 2048
+
+R = TypeVar("R")
+
+
+class PPO:
+    """Networks, optimizers and the update rule.
+
+    Args:
+        config: the run; ``learner`` says where and how precisely the networks are evaluated.
+        dense: train on the CPU the way a GPU does, dense and in one thread; for tests.
+
+    Attributes:
+        policy, value: the two networks.
+        policy_optimizer, value_optimizer: Adam, one each.
+        rng: order of the minibatches; part of a checkpoint.
+        device, precision: where the networks are, and the dtype of their products.
+
+    Raises UserError when the device is not there.
+    """
+
+    def __init__(self, config: RunConfig, dense: bool = False) -> None:
+        self.config = config
+        self.device = resolve_device(config.learner.device)
+        self.precision = _precision(config.learner.precision, self.device)
+        self._on_device = dense or self.device.type != "cpu"
+        torch.manual_seed(config.seed)
+        self.policy = self._placed(build_policy(config))
+        self.value = self._placed(build_value(config))
+        self._actor = self._trainee(
+            self.policy, config.ppo.actor_learning_rate, self._policy_loss, _POLICY_FIGURES
+        )
+        self._critic = self._trainee(
+            self.value, config.ppo.critic_learning_rate, self._value_loss, ()
+        )
+        self._safeguard = Safeguard((self._actor, self._critic))
+        self.policy_optimizer = self._actor.optimizer
+        self.value_optimizer = self._critic.optimizer
+        self.samples: Samples = (
+            DeviceSamples(config, self.device) if self._on_device else Samples(config)
+        )
+        self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
+        cores = config.learner.threads or os.cpu_count() or 1
+        self.threads = max(1, cores // 2)
+        # Always the same thread for a network: a thread's allocator fits what it did before.
+        self._threads = {
+            trainee: ThreadPoolExecutor(1, name, initializer=self._limit_threads)
+            for trainee, name in ((self._actor, "policy"), (self._critic, "value"))
+        }
+
+    def close(self) -> None:
+        """End the threads."""
+        for thread in self._threads.values():
+            thread.shutdown(wait=True, cancel_futures=True)
+
+    def update(self, batch: Batch, progress: float) -> dict[str, float]:
+        """Train on ``batch``; ``progress`` in [0, 1] drives the learning-rate schedule.
+
+        Returns the figures of the update by name. Raises DivergedError where a loss, gradient,
+        weight or moment is not finite; networks, optimizers and ``rng`` are then as before.
+        """
+        order = self.rng.bit_generator.state
+        self._safeguard.keep()
+        try:
+            figures = self._update(batch, progress)
+            if not self._safeguard.is_finite():
+                raise DivergedError("weights or moments are no numbers any more")
+        except DivergedError:
+            if self.device.type == "cuda":
+                torch.cuda.synchronize(self.device)  # the other network may be at work yet
+            self._safeguard.restore()
+            self.rng.bit_generator.state = order
+            raise
+        return figures
+
+    def is_finite(self) -> bool:
+        """Whether all weights and moments are numbers."""
+        return self._safeguard.is_finite()
+
+    def _update(self, batch: Batch, progress: float) -> dict[str, float]:
+        ppo = self.config.ppo
+        scale = 1.0 - progress if ppo.learning_rate_schedule == "linear" else 1.0
+        self.policy_optimizer.rate = scale * ppo.actor_learning_rate
+        self.value_optimizer.rate = scale * ppo.critic_learning_rate
+        self._load(batch)
+        proximal, value, final_value = self._forward(batch)
+        advantage, target = batch_advantages(batch, value, final_value, ppo)
+        variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
+        if ppo.normalize_advantages:
+            advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        figures = self._train(len(batch), proximal, advantage, target)
+        figures["explained_variance"] = variance
+        figures["learning_rate"] = scale * ppo.actor_learning_rate
+        return figures
+
+    def train(
+        self,
+        batch: Batch,
+        proximal: NDArray[np.float32],
+        advantage: NDArray[np.float32],
+        target: NDArray[np.float32],
+    ) -> dict[str, float]:
+        """All epochs over ``batch``: proximal log-probabilities, advantages, targets are (N,).
+
+        Returns the means of the figures over the gradient steps. Raises DivergedError.
+        """
+        self._load(batch)
+        return self._train(len(batch), torch.from_numpy(proximal), advantage, target)
+
+    def each_thread(self, work: Callable[[], None]) -> None:
+        """Call ``work`` in each thread that trains a network on the CPU; all have ended then."""
+        futures = [thread.submit(work) for thread in self._threads.values()]
+        wait(futures)
+        for future in futures:
+            future.result()
+
+    # -- the two phases of an update ---------------------------------------------------------
+
+    def _forward(self, batch: Batch) -> tuple[Tensor, NDArray[np.float32], NDArray[np.float32]]:
+        """Proximal log-probabilities (N,), on the device; values (N,) and final values (F,)."""
+        size = _FORWARD_ROWS_GPU if self._on_device else _FORWARD_ROWS
+        count, finals = len(batch), len(batch.final_observation)
+        inputs = self._shared()
+
+        def proximal() -> Tensor:
+            logits = self._actor.outputs(inputs.get, count, size)
+            action = self.samples.action[:count].unsqueeze(1)
+            return torch.log_softmax(logits, dim=1).gather(1, action).squeeze(1)
+
+        def values() -> Tensor:
+            value = self._critic.outputs(inputs.get, count, size)
+            final = self._critic.outputs(self.samples.final_inputs, finals, size)
+            return torch.cat((value, final)).squeeze(1)
+
+        log_prob, both = self._each((self._actor, proximal), (self._critic, values))
+        value = both.cpu().numpy()
+        return log_prob, value[:count], value[count:]
+
+    def _train(
+        self,
+        count: int,
+        proximal: Tensor,
+        advantage: NDArray[np.float32],
+        target: NDArray[np.float32],
+    ) -> dict[str, float]:
+        self.samples.set_goals(proximal, advantage, target)
+        orders = self.samples.orders(
+            [self.rng.permutation(count) for _ in range(self.config.ppo.epochs)]
+        )
+        both = (self._actor, self._critic)
+        inputs = self._shared()
+        for trainee in both:
+            trainee.begin(inputs.get)
+        if self._on_device or self.config.ppo.joint_gradient_norm:
+            for trainee in both:
+                trainee.wait()
+            self._epochs(list(both), orders)
+            for trainee in both:
+                trainee.join()
+        else:
+            self._each(*((t, partial(self._alone, t, orders, inputs)) for t in both))
+        if not self._on_device:  # there torch has allocators of its own
+            self._each(*((t, t.end) for t in both))
+        policy, value = (trainee.figures() for trainee in both)
+        return {
+            **{name: policy[name] for name in _POLICY_FIGURES},
+            "gradient_norm_policy": policy["gradient_norm"],
+            "value_loss": value["loss"],
+            "gradient_norm_value": value["gradient_norm"],
+        }
+
+    def _epochs(self, trainees: list[Trainee], orders: list[Tensor]) -> None:
+        """All epochs of ``trainees``, in step with one another; the policy may end early."""
+        ppo = self.config.ppo
+        going = list(trainees)
+        for epoch, order in enumerate(orders):
+            parts = list(minibatches(order, ppo.minibatch_size))
+            for number, rows in enumerate(parts):
+                self._step(going, (epoch, number), rows)
+            means = {trainee: trainee.end_epoch(len(parts)) for trainee in going}
+            if self._actor in means and means[self._actor]["kl"] > (ppo.target_kl or np.inf):
+                going = [] if ppo.joint_gradient_norm else [t for t in going if t != self._actor]
+            if not going:
+                break
+
+    def _alone(self, trainee: Trainee, orders: list[Tensor], inputs: SharedInputs) -> None:
+        try:
+            self._epochs([trainee], orders)
+        finally:
+            inputs.leave()
+
+    def _step(self, going: list[Trainee], key: tuple[int, int], rows: Tensor) -> None:
+        if not self.config.ppo.joint_gradient_norm:
+            for trainee in going:
+                with trainee.on_stream():
+                    trainee.step(key, rows)
+            return
+        # As published by the group: one gradient norm over both networks.
+        self._each(*((t, partial(t.gradient, key, rows)) for t in going))
+        norm = torch.linalg.vector_norm(torch.stack([t.norm() for t in going]))
+        self._each(*((t, partial(t.apply, norm)) for t in going))
+
+    # -- losses ------------------------------------------------------------------------------
+
+    def _policy_loss(self, logits: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        ppo, samples = self.config.ppo, self.samples
+        loss = policy_loss(
+            logits,
+            samples.action.index_select(0, rows),
+            samples.log_prob.index_select(0, rows),
+            samples.proximal.index_select(0, rows),
+            samples.advantage.index_select(0, rows),
+            ppo.clip,
+            ppo.dual_clip,
+            ppo.entropy,
+            ppo.max_importance,
+        )
+        figures = (loss.policy, loss.entropy, loss.kl, loss.clip_fraction, loss.importance_max)
+        return loss.total, figures
+
+    def _value_loss(self, value: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        target = self.samples.target.index_select(0, rows)
+        return value_loss(value.squeeze(1), target, self.config.ppo.value_loss), ()
+
+    # -- small steps -------------------------------------------------------------------------
+
+    def _placed(self, network: NavigationNetwork) -> NavigationNetwork:
+        network = network.to(self.device)
+        if self._on_device or not supports_sparse(self.config):
+            # Where dense convolutions run, this layout is the faster one.
+            network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        return network
+
+    def _trainee(
+        self, network: NavigationNetwork, rate: float, loss: Loss, names: tuple[str, ...]
+    ) -> Trainee:
+        # One gradient norm over both networks makes each wait for the other anyway.
+        alone = self.device.type == "cuda" and not self.config.ppo.joint_gradient_norm
+        stream = torch.cuda.Stream(self.device) if alone else None
+        graphs = self.config.learner.cuda_graphs
+        return Trainee(network, rate, loss, names, self.config.ppo, self.precision, stream, graphs)
+
+    def _limit_threads(self) -> None:
+        # torch's thread count belongs to the calling thread.
+        torch.set_num_threads(self.threads)
+
+    def _load(self, batch: Batch) -> None:
+        if self.samples.load(batch):
+            for trainee in (self._actor, self._critic):
+                trainee.memory_moved()
+
+    def _shared(self) -> SharedInputs:
+        # Streams share nothing: to wait for one another would cost more than drawing twice.
+        return SharedInputs(self.samples.inputs, readers=1 if self._on_device else 2)
+
+    def _each(self, *work: tuple[Trainee, Callable[[], R]]) -> list[R]:
+        """Do each network's work, at the same time; all of it has ended or is in order."""
+        if not self._on_device:
+            futures = [self._threads[trainee].submit(call) for trainee, call in work]
+            wait(futures)
+            return [future.result() for future in futures]
+        for trainee, _ in work:
+            trainee.wait()
+        results = []
+        for trainee, call in work:
+            with trainee.on_stream():
+                results.append(call())
+        for trainee, _ in work:
+            trainee.join()
+        return results
+
+
+def _precision(name: str, device: torch.device) -> torch.dtype:
+    if name == "auto":
+        gpu = device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False)
+        name = "bfloat16" if gpu else "float32"
+    return torch.bfloat16 if name == "bfloat16" else torch.float32

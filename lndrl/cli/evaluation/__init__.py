@@ -1,0 +1,1 @@
+"""What measures and shows policies, filters and places."""

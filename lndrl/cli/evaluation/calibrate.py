@@ -1,0 +1,115 @@
+"""``lndrl calibrate``: variants of the bench against the paper's DWA row."""
+
+from __future__ import annotations
+
+import json as json_format
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lndrl.cli.evaluation.benchmark import RESULTS
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Row
+    from lndrl.navigation import EpisodeRecord
+
+
+def calibrate(
+    file: Annotated[
+        Path | None, typer.Argument(metavar="FILE", help="Default: configs/calibration.yaml.")
+    ] = None,
+    variants: Annotated[
+        str | None, typer.Option(metavar="V,...", help="Default: all of the file.")
+    ] = None,
+    episodes: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Per variant and scenario.")
+    ] = 40,
+    name: Annotated[
+        str, typer.Option(metavar="NAME", help="Folder results/NAME; what is there is kept.")
+    ] = "calibration",
+    table: Annotated[
+        bool, typer.Option("--table", help="Only show what is there; run nothing.")
+    ] = False,
+    by_scenario: Annotated[
+        bool, typer.Option("--by-scenario", help="A row for every scenario, too.")
+    ] = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=0, metavar="W", help="Processes; default: one per core; 0: none."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="The rows as JSON.")] = False,
+) -> None:
+    """Show how near variants of the bench bring DWA to the paper's figures for it.
+
+    Stopped with Ctrl-C, the same command goes on.
+    """
+    from lndrl.evaluation.benchmark import CALIBRATION, choose, load_calibration
+
+    spec = load_calibration(file or CALIBRATION)
+    asked = None if variants is None else [v.strip() for v in variants.split(",") if v.strip()]
+    chosen = choose(list(spec.variants), asked, "variant")
+    if not table:
+        count = len(os.sched_getaffinity(0)) if workers is None else workers
+        _run(spec, chosen, RESULTS / name, episodes, count)
+    rows = _rows(spec, chosen, RESULTS / name, episodes, by_scenario)
+    if not rows:
+        raise UserError(f"{RESULTS / name}: holds no finished episode of what was asked for")
+    if json:
+        content = [{"variant": label, **row.to_dict()} for label, row in rows]
+        typer.echo(json_format.dumps(content, indent=2))
+        return
+    from lndrl.cli.tables import print_tables
+    from lndrl.evaluation.benchmark import calibration_table
+
+    print_tables(calibration_table(rows, f"{', '.join(spec.scenarios)}; seed {spec.seed}"))
+    typer.echo("* off target")
+
+
+def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, workers: int) -> None:
+    from lndrl.evaluation.benchmark import Plan, ResultsFolder, load_benchmark
+    from lndrl.view.progress import progress_bar
+
+    bench = load_benchmark()
+    plans = [
+        Plan(
+            ResultsFolder(place / name),
+            [spec.variants[name].contender],
+            spec.scenarios,
+            episodes,
+            spec.seed,
+            {s: [*bench.set, *spec.variants[name].changes(s)] for s in spec.scenarios},
+        )
+        for name in names
+    ]
+    left = sum(plan.left() for plan in plans)
+    with progress_bar(left, "calibrate", "episodes") as advance:
+        for name, plan in zip(names, plans, strict=True):
+
+            def note(cell: Cell, record: EpisodeRecord, name: str = name) -> None:
+                advance(1, f"{name} on {cell.scenario}: {record.outcome}")
+
+            plan.run(workers, note)
+
+
+def _rows(
+    spec: CalibrationSpec, names: list[str], place: Path, episodes: int, by_scenario: bool
+) -> list[tuple[str, Row]]:
+    from lndrl.evaluation.benchmark import METHOD, ResultsFolder, rows_of
+
+    rows = []
+    for name in names:
+        folder = ResultsFolder(place / name)
+        try:
+            rows += [(name, row) for row in rows_of(folder, [METHOD], None, episodes)]
+            if by_scenario:
+                rows += [
+                    (f"  {scenario}", row)
+                    for scenario in spec.scenarios
+                    for row in rows_of(folder, [METHOD], [scenario], episodes)
+                ]
+        except UserError:
+            continue  # not run yet
+    return rows

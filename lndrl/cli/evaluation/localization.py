@@ -1,0 +1,134 @@
+"""``lndrl localization``: how far off the filter is, how often lost, how soon back."""
+
+from __future__ import annotations
+
+import json as json_format
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.config import LocalizationConfig
+    from lndrl.evaluation.localization import Outcome, Plan, Report
+
+
+def localization(
+    scenarios: Annotated[
+        str,
+        typer.Option(metavar="S,S", help="Names or YAML files, comma between; or 'all'."),
+    ] = "all",
+    seeds: Annotated[int, typer.Option(metavar="N", help="Drives per scenario and crowd.")] = 20,
+    pedestrians: Annotated[
+        str, typer.Option(metavar="N,N", help="Crowds: how many pedestrians.")
+    ] = "0,5,20",
+    settings: Annotated[
+        str,
+        typer.Option(metavar="NAME,FILE", help="Presets or YAML files of localization keys."),
+    ] = "paper,best",
+    updates: Annotated[
+        int, typer.Option(metavar="U", help="Updates per drive, ten a second.")
+    ] = 600,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="W", help="Processes; default: one per core; 0: none but this."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Figures as JSON.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.md", help="Write tables there, between its marks, and a .png."),
+    ] = None,
+) -> None:
+    """Measure the filter on recorded drives: errors, lost rate, recovery.
+
+    Every drive is recorded once and replayed under every setting, so settings are compared on
+    the same data.
+    """
+    from lndrl.evaluation.localization import check_document, report_tables
+
+    if workers is not None and workers < 0:
+        raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    if out is not None:
+        check_document(out)
+    plan = _plan(scenarios, seeds, pedestrians, settings, updates)
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    report = _measure(plan, count)
+    if out is not None:
+        _write(report, out)
+    if json:
+        from lndrl.bench.report import machine
+
+        typer.echo(json_format.dumps({"machine": machine(), **report.to_dict()}, indent=2))
+        return
+    from lndrl.cli.tables import print_tables
+
+    print_tables(*report_tables(report))
+
+
+def _plan(scenarios: str, seeds: int, pedestrians: str, settings: str, updates: int) -> Plan:
+    from lndrl.evaluation.localization import Plan, label_of, load_settings, scenarios_named
+
+    if seeds < 1:
+        raise UserError(f"--seeds {seeds}: must be 1 or more")
+    counts = []
+    for text in _split(pedestrians, "--pedestrians"):
+        if not text.isdecimal():
+            raise UserError(f"--pedestrians {pedestrians}: write counts like 0,5,20")
+        counts.append(int(text))
+    chosen: dict[str, LocalizationConfig] = {}
+    for name in _split(settings, "--settings"):
+        label = label_of(name)
+        if label in chosen:
+            raise UserError(f"--settings {settings}: {label} is named twice")
+        chosen[label] = load_settings(name)
+    plan = Plan(
+        scenarios=tuple(scenarios_named(_split(scenarios, "--scenarios"))),
+        pedestrians=tuple(dict.fromkeys(counts)),
+        settings=chosen,
+        seeds=seeds,
+        updates=updates,
+    )
+    plan.check()
+    return plan
+
+
+def _split(text: str, option: str) -> list[str]:
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not parts:
+        raise UserError(f"{option} {text!r}: name one or more, with commas between")
+    return parts
+
+
+def _measure(plan: Plan, workers: int) -> Report:
+    from lndrl.evaluation.localization import measure_localization
+    from lndrl.view.progress import progress_bar
+
+    names = ", ".join(scenario.name for scenario in plan.scenarios)
+    lost = dict.fromkeys(plan.settings, 0)
+    total = len(plan.tasks()) * len(plan.settings)
+    with progress_bar(total, f"localization on {names}", "replays") as advance:
+
+        def note(outcome: Outcome) -> None:
+            lost[outcome.setting] += outcome.lost
+            advance(1, "lost: " + ", ".join(f"{label} {n}" for label, n in lost.items()))
+
+        return measure_localization(plan, workers, note)
+
+
+def _write(report: Report, out: Path) -> None:
+    from lndrl.bench.report import machine, machine_line
+    from lndrl.evaluation.localization import report_markdown, write_document
+    from lndrl.version import VERSION
+    from lndrl.view.pictures.localization import save_localization
+
+    picture = out.with_suffix(".png")
+    command = "lndrl " + shlex.join(sys.argv[1:])
+    facts = f"lndrl {VERSION}, {machine_line(machine())}"
+    save_localization(report, picture)
+    write_document(out, report_markdown(report, command, facts, picture.name))
+    typer.echo(f"wrote {out} and {picture}", err=True)

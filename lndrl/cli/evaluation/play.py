@@ -1,0 +1,96 @@
+"""``lndrl play``: one test episode as a picture or an animation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.navigation import Navigation
+    from lndrl.navigation.snapshot import WorldSnapshot
+
+
+def play(
+    planner: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN_OR_WEIGHTS",
+            help="Run folder, weights file, 'random', 'straight' or 'dwa'.",
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="FILE.png: the end with all paths; FILE.gif: all.")
+    ],
+    scenario: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="Name or YAML file; default: what was trained on."),
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="SEED", help="As in lndrl evaluate.")] = 0,
+    episode: Annotated[
+        int, typer.Option(metavar="K", help="The episode that lndrl evaluate numbers K, from 0.")
+    ] = 0,
+    at: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", min=0, help="FILE.png: this moment instead of the end."),
+    ] = None,
+    greedy: Annotated[
+        bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
+    ] = False,
+) -> None:
+    """Draw an episode of a policy as a picture or an animation."""
+    _check(out, seed, episode)
+    from lndrl.evaluation import EpisodeRunner, settings_for
+    from lndrl.planners import planner_source
+
+    source = planner_source(planner)
+    config = settings_for(source, scenario).model_copy(update={"seed": seed})
+    animated = out.suffix.lower() == ".gif"
+    if animated and at is not None:
+        raise UserError("--at goes with a .png; a .gif shows all moments")
+    snapshots: list[WorldSnapshot] = []
+
+    def watch(world: Navigation) -> None:
+        if not animated:
+            if at is not None and snapshots and world.world.time > at + 1e-9:
+                return
+            snapshots.clear()
+        snapshots.append(world.snapshot())
+
+    (record,) = EpisodeRunner(source, config, greedy)([episode], watch)
+    try:
+        _draw(snapshots, out, animated)
+    except OSError as error:
+        raise UserError(f"--out {out}: cannot be written ({error.strerror})") from None
+    typer.echo(
+        f"{out}: {record.outcome} after {record.time:.1f} s and {record.distance:.1f} m, "
+        f"position error {record.position_error:.2f} m, return {record.episode_return:.0f}"
+    )
+
+
+def _draw(snapshots: list[WorldSnapshot], out: Path, animated: bool) -> None:
+    from lndrl.view.pictures.film import save_gif
+    from lndrl.view.pictures.world import save_png
+    from lndrl.view.progress import progress_bar
+
+    if not animated:
+        save_png(snapshots[-1], out)
+        return
+    with progress_bar(len(snapshots), f"drawing {out.name}", "pictures") as advance:
+        save_gif(snapshots, out, progress=lambda _: advance())
+
+
+def _check(out: Path, seed: int, episode: int) -> None:
+    if out.suffix.lower() not in (".png", ".gif"):
+        raise UserError(f"--out {out}: must end in .png or .gif")
+    if not out.parent.is_dir():
+        raise UserError(f"--out {out}: folder {out.parent} does not exist")
+    if out.is_dir():
+        raise UserError(f"--out {out}: is a folder; name a file")
+    if seed < 0:
+        raise UserError(f"--seed {seed}: must be 0 or more")
+    if episode < 0:
+        raise UserError(f"--episode {episode}: must be 0 or more")

@@ -1,0 +1,174 @@
+"""``lndrl scenarios``: which places there are, and what they look like."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lndrl.cli.options import check_picture
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.scenario import Box, Scenario
+    from lndrl.world import Place
+
+
+def scenarios(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="Name or YAML file; default: all that are known."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw NAME into this file.")
+    ] = None,
+    draw: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Draw all into this folder.")
+    ] = None,
+    layout: Annotated[
+        int, typer.Option(metavar="K", min=0, help="Which of a random scenario's layouts.")
+    ] = 0,
+    json: Annotated[
+        bool, typer.Option("--json", help="As JSON; with NAME: with regions and routes.")
+    ] = False,
+) -> None:
+    """List the places to train and test in, and draw them."""
+    _check(name, out, draw)
+    if name is None:
+        _all(draw, layout, json)
+    else:
+        _one(name, out, layout, json)
+
+
+def _all(draw: Path | None, layout: int, json: bool) -> None:
+    from lndrl.cli.tables import print_tables
+    from lndrl.config import REPOSITORY_CONFIGS, load_scenario
+
+    folder = REPOSITORY_CONFIGS / "scenarios"
+    known = [load_scenario(path.stem) for path in sorted(folder.glob("*.yaml"))]
+    known.sort(key=lambda scenario: (scenario.kind, scenario.name))
+    if json:
+        typer.echo(json_format.dumps([_summary(scenario) for scenario in known], indent=2))
+    elif draw is None:
+        print_tables(_table(known))
+    if draw is None:
+        return
+    draw.mkdir(parents=True, exist_ok=True)
+    for scenario in known:
+        _draw(_build(scenario, layout), draw / f"{scenario.name}.png", scenario, quiet=json)
+
+
+def _one(name: str, out: Path | None, layout: int, json: bool) -> None:
+    from lndrl.cli.tables import print_tables
+    from lndrl.config import load_scenario
+
+    scenario = load_scenario(name)
+    place = _build(scenario, layout)
+    if json:
+        typer.echo(json_format.dumps(_summary(scenario) | _details(place), indent=2))
+    elif out is None:
+        print_tables(_table([scenario]))
+        typer.echo(
+            f"{len(place.scenario.robot)} tasks, "
+            f"{len(place.scenario.pedestrians.routes)} routes of pedestrians; "
+            f"--out {scenario.name}.png draws them, --json lists them"
+        )
+    if not json:
+        for note in place.notes:
+            typer.echo(f"note: {note}")
+    if out is not None:
+        _draw(place, out, scenario, quiet=json)
+
+
+def _build(scenario: Scenario, layout: int) -> Place:
+    from lndrl.world import Place
+
+    return Place.build(scenario, layout=layout)
+
+
+def _draw(place: Place, file: Path, scenario: Scenario, quiet: bool) -> None:
+    from lndrl.view.pictures.scenario import save_scenario
+
+    fewest, most = place.scenario.pedestrians.count
+    people = f"{fewest}" if fewest == most else f"{fewest} to {most}"
+    width, height = place.grid.size
+    title = f"{place.scenario.name}   {width:.4g} × {height:.4g} m, {people} people"
+    try:
+        save_scenario(place, file, title)
+    except OSError as error:
+        raise UserError(f"{file}: cannot be written ({error.strerror})") from None
+    if not quiet:
+        typer.echo(f"{file}: {scenario.description or scenario.name}")
+
+
+def _table(known: list[Scenario]) -> Any:
+    from rich.table import Table
+
+    table = Table()
+    table.add_column("name")
+    table.add_column("kind")
+    table.add_column("size (m)", justify="right")
+    table.add_column("people", justify="right")
+    table.add_column("description")
+    for scenario in known:
+        fewest, most = scenario.pedestrians.count
+        people = f"{fewest}" if fewest == most else f"{fewest}–{most}"
+        size = f"{scenario.size[0]:.4g} × {scenario.size[1]:.4g}"
+        table.add_row(scenario.name, scenario.kind, size, people, scenario.description)
+    return table
+
+
+def _summary(scenario: Scenario) -> dict[str, Any]:
+    return {
+        "name": scenario.name,
+        "kind": scenario.kind,
+        "size": [round(side, 3) for side in scenario.size],
+        "resolution": scenario.resolution,
+        "pedestrians": list(scenario.pedestrians.count),
+        "start_goal_distance": scenario.start_goal_distance,
+        "description": scenario.description,
+    }
+
+
+def _details(place: Place) -> dict[str, Any]:
+    """Regions and routes in the frame of the map, ready to be copied into a YAML file."""
+    ox, oy = place.map_origin
+
+    def box(b: Box) -> list[float]:
+        return [round(v, 2) for v in (b[0] + ox, b[1] + oy, b[2] + ox, b[3] + oy)]
+
+    return {
+        "layout": place.scenario.name,
+        "origin": [round(ox, 4), round(oy, 4)],
+        "start_goal_distance": place.scenario.start_goal_distance,
+        "pedestrians": list(place.scenario.pedestrians.count),
+        "robot": [
+            {"start": box(task.start), "goal": box(task.goal)} for task in place.scenario.robot
+        ],
+        "routes": [
+            {
+                "start": box(route.start),
+                "goal": box(route.goal),
+                "via": [[round(x + ox, 2), round(y + oy, 2)] for x, y in route.via],
+            }
+            for route in place.scenario.pedestrians.routes
+        ],
+        "wall_edges": len(place.walls),
+        "notes": list(place.notes),
+    }
+
+
+def _check(name: str | None, out: Path | None, draw: Path | None) -> None:
+    if out is not None and draw is not None:
+        raise UserError("--out and --draw: give one of them")
+    if out is not None:
+        if name is None:
+            raise UserError(f"--out {out}: name the scenario to draw, or use --draw FOLDER for all")
+        check_picture(out)
+    if draw is not None:
+        if name is not None:
+            raise UserError(f"--draw {draw} draws all; use --out FILE.png to draw {name}")
+        if draw.exists() and not draw.is_dir():
+            raise UserError(f"--draw {draw}: is a file; name a folder")

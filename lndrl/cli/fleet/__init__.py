@@ -1,0 +1,1 @@
+"""What runs, watches and tries the service over several processes and machines."""

@@ -1,0 +1,1 @@
+"""What makes policies: one run, all methods of the bench, sweeps, and their curves."""

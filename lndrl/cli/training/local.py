@@ -1,0 +1,253 @@
+"""Learner and actors on one machine: in processes of their own, or all in this one."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lndrl.config import RunConfig
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from actors.balance import Balance
+    from actors.fleet import Fleet
+    from learner.learner import Learner
+    from learner.run.record import RunSummary
+    from lndrl.cli.signals import Stop
+    from lndrl.transport import Security
+    from lndrl.transport.status import Status
+
+_TICK = 0.25  # s between looks at the fleet and redraws
+
+
+def train_serially(
+    config: RunConfig, path: Path, resume: bool, checkpoint: str | None, stop: Stop
+) -> RunSummary:
+    """Train in this process and thread: same bits every time. Returns the summary.
+
+    The same learner and actor objects as in a distributed run, over the in-memory transport.
+    """
+    from actors.actor import Actor
+    from learner.learner import Learner
+    from lndrl.transport import MemoryNetwork
+    from lndrl.view.dashboard.screen import plain_line
+
+    network = MemoryNetwork()
+    learner = Learner(config, path, network.learner(), resume, checkpoint)
+    try:
+        learner.begin()
+        actors = [
+            Actor(network.actor(), actor_id=f"serial-{i:03d}", incarnation=_life(learner, i))
+            for i in range(config.fixed_actors)
+        ]
+        while not learner.finished and not stop.is_set():
+            for actor in actors:
+                if actor.ready():
+                    with learner.split.during("wait"):
+                        actor.run_chunk(stop.is_set)
+                if learner.advance(timeout=0.0):
+                    print(plain_line(_status(learner)), flush=True)
+        learner.end()
+        return learner.summary()
+    finally:
+        learner.close()
+
+
+def train_locally(
+    config: RunConfig,
+    path: Path,
+    resume: bool,
+    checkpoint: str | None,
+    dashboard: bool,
+    stop: Stop,
+    security: Security | None = None,
+) -> RunSummary:
+    """Train with the learner in this process and actors in others; returns the summary.
+
+    Draws the dashboard when asked to, else prints a line per update. ``security`` is the
+    learner's; the actors get theirs from it. Raises UserError when learner or actors cannot go on.
+    """
+    from learner.service import run_learner
+
+    actors = security.of_local_actors() if security is not None else None
+    ready: list[Learner] = []
+    outcome: list[RunSummary] = []
+    failure: list[BaseException] = []
+
+    def serve() -> None:
+        try:
+            summary = run_learner(
+                config,
+                path,
+                resume,
+                stop=stop,
+                checkpoint=checkpoint,
+                quiet=dashboard,
+                on_ready=ready.append,
+                security=security,
+            )
+            outcome.append(summary)
+        except BaseException as error:
+            failure.append(error)
+
+    thread = threading.Thread(target=serve, name="learner")
+    thread.start()
+    try:
+        while not ready and thread.is_alive():
+            time.sleep(0.02)
+        if ready:
+            _supervise(config, ready[0], thread, dashboard, stop, actors)
+    finally:
+        stop.set()
+        thread.join()
+    if failure:
+        raise failure[0]
+    return outcome[0]
+
+
+def _supervise(
+    config: RunConfig,
+    learner: Learner,
+    thread: threading.Thread,
+    dashboard: bool,
+    stop: Stop,
+    security: Security | None,
+) -> None:
+    """Keep the fleet alive and the picture fresh until the learner's thread ends."""
+    from actors.balance import Balance, first_choice, usable_cores
+    from actors.fleet import Fleet
+
+    cores = usable_cores()
+    choice = first_choice(config, cores, learner.ppo.device.type)
+    learner.events.add(
+        "balance", f"{choice.actors} x {choice.worlds} worlds to begin with, {cores} cores"
+    )
+    # Threads start with the first update, which needs actors; half for each network.
+    learner.ppo.threads = max(1, choice.learner_threads // 2)
+    fleet = Fleet(
+        reachable(config.transport.endpoint),
+        choice.actors,
+        log=lambda t: learner.events.add("fleet", t),
+        security=security,
+        namespace=config.transport.namespace,
+        lease=config.transport.lease,
+    )
+    adapts = config.actor.count == "auto" and config.learner.mode == "async"
+    balance = Balance(most=cores) if adapts else None
+    show = _Screen(learner) if dashboard else _Lines(learner)
+    try:
+        with show:
+            fleet.start()
+            while thread.is_alive():
+                show.update()
+                code = fleet.poll() if not learner.finished else None
+                if code == 2 or (code == 0 and not learner.finished):
+                    raise UserError(fleet.error or "all actors ended before the run was finished")
+                if stop.is_set():
+                    break
+                if balance is not None:
+                    _keep_balance(balance, fleet, learner)
+                time.sleep(_TICK)
+            stop.set()
+            thread.join()
+            show.update()
+    finally:
+        fleet.stop()
+
+
+def reachable(endpoint: str) -> str:
+    """Where this machine reaches a learner that listens at ``endpoint``.
+
+    No certificate is for 0.0.0.0 or [::], and zenoh reaches no IPv6 address over TLS.
+    """
+    any_ipv6 = "/localhost:" if endpoint.startswith("tls/") else "/[::1]:"
+    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", any_ipv6)
+
+
+def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:
+    """One actor more or less where the shares of waiting say so; each change is an event."""
+    waits = learner.split.shares(balance.WINDOW)["wait"]
+    idle = learner.roster.shares(balance.WINDOW).get("wait", 0.0)
+    settled = bool(learner.figures) and fleet.settled()
+    advice = balance.advise(time.monotonic(), len(fleet), waits, idle, settled)
+    if not advice:
+        return
+    if advice > 0:
+        fleet.grow()
+    elif (taken := fleet.shrink()) is not None:
+        learner.roster.retire(taken)
+    learner.events.add(
+        "balance",
+        f"{'one actor more' if advice > 0 else 'one actor less'}, {len(fleet)} now: the learner "
+        f"waited {waits:.0%} of the last {balance.WINDOW:.0f} s, the actors {idle:.0%}",
+    )
+
+
+class _Lines:
+    """A line on stdout per update, and a sign of life every half minute."""
+
+    def __init__(self, learner: Learner) -> None:
+        self._learner = learner
+        self._shown = -1
+        self._printed = 0.0
+
+    def __enter__(self) -> _Lines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        sys.stdout.flush()
+
+    def update(self) -> None:
+        """Print if there is news."""
+        from lndrl.view.dashboard.screen import plain_line
+
+        updates = self._learner.counters.updates
+        if updates != self._shown or time.monotonic() - self._printed > 30.0:
+            self._shown, self._printed = updates, time.monotonic()
+            print(plain_line(_status(self._learner)), flush=True)
+
+
+class _Screen:
+    """The dashboard, drawn in this terminal."""
+
+    def __init__(self, learner: Learner) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._learner = learner
+        self._console = Console(highlight=False)
+        self._live = Live(console=self._console, screen=True, auto_refresh=False)
+
+    def __enter__(self) -> _Screen:
+        self._live.__enter__()
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self._live.__exit__(None, None, None)
+
+    def update(self) -> None:
+        """Redraw."""
+        from lndrl.transport.status import parse_history
+        from lndrl.view.dashboard.screen import render
+
+        width, height = self._console.size
+        history = parse_history(list(self._learner.history))
+        picture = render(
+            _status(self._learner), history, width, height, 0.0, "Ctrl-C stops, --resume goes on"
+        )
+        self._live.update(picture, refresh=True)
+
+
+def _status(learner: Learner) -> Status:
+    from learner.status import snapshot
+    from lndrl.transport.status import parse_status
+
+    return parse_status(snapshot(learner))
+
+
+def _life(learner: Learner, index: int) -> str:
+    """Incarnations of serial actors: the same in the same run, new after a resume."""
+    return f"serial-{learner.counters.updates}-{index}"

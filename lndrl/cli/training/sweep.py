@@ -1,0 +1,107 @@
+"""``lndrl sweep``: ablations of training settings over several seeds."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lndrl.cli.runs import RUNS
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.evaluation.sweep import SweepFigures, SweepFolder
+
+
+def sweep(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="YAML file, e.g. configs/sweeps/ppo.yaml.")
+    ],
+    folder: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Where its runs live; default: runs/sweep-NAME."),
+    ] = None,
+    parallel: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Runs side by side; they share the machine.")
+    ] = 1,
+    table: Annotated[
+        bool, typer.Option("--table", help="Only show what is finished; run nothing.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="The figures as JSON.")] = False,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.md", help="Write the tables there, between the sweep's marks."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the learning curves.")
+    ] = None,
+) -> None:
+    """Compare training settings over several seeds; a sweep that stopped goes on.
+
+    Every variant is trained by lndrl train under every seed. Finished runs are kept.
+    """
+    from lndrl.evaluation.sweep import SweepFolder, load_sweep, sweep_figures
+
+    chosen = load_sweep(file)
+    _check(chosen.name, markdown, plot)
+    place = SweepFolder(folder or RUNS / f"sweep-{chosen.name}", chosen)
+    place.check()
+    code = 0 if table else _work(place, parallel)
+    figures = sweep_figures(place)
+    if figures.runs or not code:
+        _show(figures, json, markdown, plot)
+    raise typer.Exit(code)
+
+
+def _check(name: str, markdown: Path | None, plot: Path | None) -> None:
+    from lndrl.view.sweep import check_document
+
+    if markdown is not None:
+        check_document(markdown, name)
+    if plot is not None and plot.suffix != ".png":
+        raise UserError(f"--plot {plot}: must end in .png")
+    if plot is not None and not plot.parent.is_dir():
+        raise UserError(f"--plot {plot}: the folder {plot.parent} does not exist")
+
+
+def _work(place: SweepFolder, parallel: int) -> int:
+    """Run what is not finished; the exit code."""
+    place.sweep.check_start()
+    from lndrl.cli.signals import stop_on_signals
+    from lndrl.evaluation.sweep import Launcher, Work
+    from lndrl.view.sweep import SweepDisplay
+
+    display = SweepDisplay(place.sweep.spec.steps)
+    with place.locked() as lock, stop_on_signals("running runs leave checkpoints") as stop:
+        launch = Launcher(place, lock, parallel)
+        work = Work(place, launch, parallel, display.say, display.show)
+        with display:
+            done = work.go(stop)
+    if not done:
+        typer.echo(f"the same command goes on with what {place.path} lacks", err=True)
+    return stop.exit_code
+
+
+def _show(figures: SweepFigures, json: bool, markdown: Path | None, plot: Path | None) -> None:
+    if markdown is not None:
+        from lndrl.view.sweep import sweep_markdown, write_between_marks
+
+        write_between_marks(markdown, figures.sweep.name, sweep_markdown(figures))
+    if plot is not None:
+        from lndrl.view.pictures.sweep_curves import save_sweep
+
+        try:
+            save_sweep(figures, plot)
+        except OSError as error:
+            raise UserError(f"--plot {plot}: cannot be written ({error.strerror})") from None
+    if json:
+        typer.echo(json_format.dumps(figures.to_dict(), indent=2))
+        return
+    from lndrl.cli.tables import print_tables
+    from lndrl.view.sweep import legend, sweep_tables
+
+    print_tables(*sweep_tables(figures))
+    for line in legend(figures):
+        typer.echo(line)

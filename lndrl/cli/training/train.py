@@ -1,0 +1,99 @@
+"""``lndrl train``: learner and actors on this machine, or all in one process with --serial."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from lndrl.cli.options import (
+    CheckpointName,
+    ConfigFile,
+    LearnerDevice,
+    Listen,
+    Resume,
+    RunName,
+    Settings,
+    Steps,
+    check_checkpoint,
+    count_or_auto,
+    run_overrides,
+)
+from lndrl.cli.runs import choose_run
+from lndrl.cli.security import (
+    Certificates,
+    Insecure,
+    Namespace,
+    Users,
+    ZenohFile,
+    of_learner,
+    transport_overrides,
+)
+from lndrl.cli.signals import stop_on_signals
+from lndrl.errors import UserError
+
+
+def train(
+    config: ConfigFile = None,
+    actors: Annotated[
+        str | None,
+        typer.Option(
+            "--actors",
+            parser=count_or_auto,
+            metavar="N|auto",
+            help="Actors, each a process of its own; auto, unless configured: as keeps all busy.",
+        ),
+    ] = None,
+    steps: Steps = None,
+    run: RunName = None,
+    settings: Settings = None,
+    resume: Resume = False,
+    checkpoint: CheckpointName = None,
+    serial: Annotated[
+        bool,
+        typer.Option("--serial", help="Everything in this process: slower, same bits every time."),
+    ] = False,
+    listen: Listen = None,
+    device: LearnerDevice = None,
+    dashboard: Annotated[
+        bool | None,
+        typer.Option("--dashboard/--no-dashboard", help="Draw the run; default: in a terminal."),
+    ] = None,
+    certs: Certificates = None,
+    users: Users = None,
+    namespace: Namespace = None,
+    zenoh: ZenohFile = None,
+    insecure: Insecure = False,
+) -> None:
+    """Train a policy on this machine: one learner and its actors."""
+    network = {
+        "--listen": listen,
+        "--dashboard": dashboard,
+        "--certs": certs,
+        "--users": users,
+        "--zenoh": zenoh,
+        "--insecure": insecure,
+    }
+    if serial and any(network.values()):
+        option = next(name for name, value in network.items() if value)
+        raise UserError(f"{option} does not go with --serial, which nothing can attach to")
+    check_checkpoint(checkpoint, resume)
+    overrides = run_overrides(settings, steps, device, listen)
+    overrides += transport_overrides(listen, None, namespace)
+    if actors is not None:
+        overrides.append(f"actor.count={actors}")
+    chosen, folder = choose_run(config, run, resume, overrides)
+    from lndrl.cli.training import local
+
+    with stop_on_signals("the learner writes a checkpoint") as stop:
+        if serial:
+            summary = local.train_serially(chosen, folder, resume, checkpoint, stop)
+        else:
+            drawn = sys.stdout.isatty() if dashboard is None else dashboard
+            security = of_learner(chosen.transport.router, certs, users, zenoh, insecure)
+            summary = local.train_locally(
+                chosen, folder, resume, checkpoint, drawn, stop, security=security
+            )
+    typer.echo(str(summary))
+    raise typer.Exit(stop.exit_code)

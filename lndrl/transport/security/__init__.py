@@ -1,0 +1,1 @@
+"""Who a session is (``identity``), by which papers (``certificates``), and what it may do."""

@@ -1,0 +1,317 @@
+"""An actor's side over Zenoh: uploads as queries that are answered when the learner has taken them.
+
+As many threads as the window is wide each carry one chunk at a time: send, wait for the ack, send
+the same sequence again when none comes. Unless the learner is merely busy, several failures in a
+row make the session be opened anew, which also heals links that only look alive.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from numpy.typing import NDArray
+
+from lndrl.config import TransportConfig
+from lndrl.errors import UserError
+from lndrl.transport.interface import LearnerUnreachableError, WeightsGoneError
+from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, UPLOAD, WEIGHTS
+from lndrl.transport.ledger import Entry, Ledger
+from lndrl.transport.messages import (
+    Ack,
+    ChunkHeader,
+    Hello,
+    Message,
+    MessageError,
+    Refusal,
+    WeightsAnnouncement,
+    Welcome,
+    decode,
+    digest,
+    encode,
+)
+from lndrl.transport.security.identity import Security, parse_endpoint
+from lndrl.transport.zenoh.session import (
+    ExitGuard,
+    UnreachableError,
+    ZenohSession,
+    cure,
+    first_answer,
+    open_connecting,
+)
+
+REST = 0.2
+FAILURES_UNTIL_REOPEN = 3
+REOPEN_SECONDS = 2.0
+logger = logging.getLogger(__name__)
+
+
+class ZenohActor:
+    """See ``ActorEndpoint``. The network is first touched by ``hello``."""
+
+    def __init__(
+        self,
+        endpoint: str,
+        config: TransportConfig | None = None,
+        security: Security | None = None,
+    ) -> None:
+        parse_endpoint(endpoint)
+        self._security = security or Security("actor")
+        self._security.check(endpoint, listening=False)
+        self._endpoint = endpoint
+        self._config = config or TransportConfig(endpoint=endpoint)
+        self._ledger = Ledger(self._config.upload_window)
+        self._session: ZenohSession | None = None
+        self._entities: list[Any] = []
+        self._hello: Hello | None = None
+        self._turn = threading.Lock()
+        self._opening = threading.RLock()
+        self._failures = 0
+        self._carriers: list[threading.Thread] = []
+        self._guard: ExitGuard | None = None
+
+    def hello(self, hello: Hello, timeout: float = 10.0) -> Welcome:
+        """Introduce the actor."""
+        deadline = time.monotonic() + timeout
+        if self._guard is None:
+            self._guard = ExitGuard(self.close)
+        answer = self._first_contact(encode(hello), deadline)
+        if answer is None:
+            raise LearnerUnreachableError(
+                f"no learner answers at {self._endpoint} (waited {timeout:g} s);"
+                f" {cure(self._security)}"
+            )
+        if isinstance(answer, Refusal):
+            raise UserError(f"the learner at {self._endpoint} refused: {answer.reason}")
+        assert isinstance(answer, Welcome)
+        with self._opening:
+            self._hello = hello
+            if self._session is not None:
+                self._join(self._session)
+        self._ledger.welcomed(answer)
+        while len(self._carriers) < self._config.upload_window:
+            thread = threading.Thread(target=self._carry, name="lndrl-upload", daemon=True)
+            self._carriers.append(thread)
+            thread.start()
+        return answer
+
+    def upload(
+        self,
+        header: ChunkHeader,
+        arrays: Mapping[str, NDArray[Any]],
+        timeout: float | None = None,
+    ) -> None:
+        """Send a chunk in the background; blocks while the window is full."""
+        self._ledger.check_ready()
+        payload = encode(header, arrays)
+        limit = self._config.max_message_megabytes * 2**20
+        if len(payload) > limit:
+            raise MessageError(
+                f"a chunk of {len(payload)} bytes exceeds {limit}; use fewer worlds or a shorter"
+                " horizon, or raise transport.max_message_megabytes"
+            )
+        self._ledger.wait_room(timeout)
+        samples = header.steps * header.worlds
+        self._ledger.add(
+            Entry(header.actor_id, header.incarnation, header.sequence, payload, samples)
+        )
+
+    def keep_book(self, path: Path) -> None:
+        """Note every upload in a file."""
+        self._ledger.keep_book(path)
+
+    def adopt(self, config: TransportConfig) -> None:
+        """Wait for acknowledgements as long as the run's configuration says."""
+        self._config = self._config.model_copy(update={"upload_timeout": config.upload_timeout})
+
+    def acks(self) -> list[Ack]:
+        """Acks that settled chunks since the last call."""
+        return self._ledger.drain_acks()
+
+    def pending(self) -> int:
+        """Chunks not yet settled."""
+        return self._ledger.pending()
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until every chunk is settled."""
+        return self._ledger.wait_settled(timeout)
+
+    def needs_hello(self) -> bool:
+        """Whether another learner answered."""
+        return self._ledger.needs_hello()
+
+    def done(self) -> bool:
+        """Whether training has finished."""
+        return self._ledger.done()
+
+    def silence(self) -> float:
+        """Seconds since the learner was last heard."""
+        return self._ledger.silence()
+
+    def newest(self) -> tuple[int, str]:
+        """Newest known weights version and learner."""
+        return self._ledger.newest()
+
+    def wait_newer(self, version: int, timeout: float) -> bool:
+        """Wait for other weights than ``version``."""
+        return self._ledger.wait_newer(version, timeout)
+
+    def fetch(self, version: int | None = None, timeout: float = 10.0) -> tuple[int, bytes]:
+        """Weights as (version, blob), checked against their digest."""
+        deadline = time.monotonic() + timeout
+        payload = b"" if version is None else str(version).encode()
+        failures = 0
+        while not self._ledger.closed() and (left := deadline - time.monotonic()) > 0:
+            session = self._session
+            sample = self._ask(WEIGHTS, payload, left)
+            if sample is None or sample.attachment is None:
+                failures += 1
+                if failures % FAILURES_UNTIL_REOPEN == 0:
+                    self._reopen(session)
+                time.sleep(min(REST, left))
+                continue
+            found, _ = decode(sample.attachment.to_bytes(), WeightsAnnouncement)
+            blob = sample.payload.to_bytes()
+            if blob and version in (None, found.version):
+                if len(blob) != found.size or digest(blob) != found.digest:
+                    raise MessageError(f"weights of version {found.version} arrived damaged")
+                return found.version, blob
+            if version is not None and version < found.version:
+                raise WeightsGoneError(f"version {version} is no longer kept")
+            time.sleep(min(REST / 4, left))
+        raise TimeoutError(f"no weights came from {self._endpoint} within {timeout:g} s")
+
+    def close(self) -> None:
+        """Leave."""
+        self._ledger.close()
+        if self._guard is not None:
+            self._guard.release()
+        session = self._session
+        if session is not None:
+            session.close()
+        for thread in self._carriers:
+            thread.join(REOPEN_SECONDS + 1.0)
+
+    def _first_contact(self, data: bytes, deadline: float) -> Message | None:
+        while not self._ledger.closed() and (left := deadline - time.monotonic()) > 0:
+            if self._session is None:
+                with self._opening:
+                    try:
+                        if self._session is None:
+                            self._session = self._connect(left)
+                    except UnreachableError:
+                        return None
+                continue
+            sample = self._ask(HELLO, data, left)
+            if sample is not None:
+                try:
+                    answer, _ = decode(sample.payload.to_bytes(), Welcome, Refusal)
+                except MessageError as error:
+                    raise UserError(
+                        f"what answers at {self._endpoint} is no learner of this version ({error})"
+                    ) from None
+                return answer
+            time.sleep(min(REST, left))
+        return None
+
+    def _connect(self, timeout: float) -> ZenohSession:
+        return open_connecting(self._endpoint, self._config, timeout, self._security)
+
+    def _ask(self, key: str, payload: bytes, timeout: float) -> zenoh.Sample | None:
+        session = self._session
+        if session is None or session.closing:
+            return None
+        try:
+            return session.query(key, payload, timeout)
+        except zenoh.ZError:
+            return None
+
+    def _join(self, session: ZenohSession) -> None:
+        """Show up as a member and listen to announcements; once per session."""
+        if self._entities or self._hello is None:
+            return
+        key = f"{ACTORS}/{self._hello.actor_id}/{self._hello.incarnation}"
+        self._entities.append(session.zenoh.liveliness().declare_token(key))
+        news = session.zenoh.declare_subscriber(ANNOUNCE, zenoh.handlers.RingChannel(1))
+        self._entities.append(news)
+        session.pump("news", news.handler, self._on_news)
+
+    def _on_news(self, sample: zenoh.Sample) -> None:
+        news, _ = decode(sample.payload.to_bytes(), WeightsAnnouncement)
+        self._ledger.heard(news.version, news.learner_incarnation, news.done)
+
+    def _carry(self) -> None:
+        while True:
+            channel = None
+            # Taking and sending under one lock keeps chunks in order of their sequence.
+            with self._turn:
+                entry = self._ledger.take()
+                if entry is None:
+                    return
+                session = self._session
+                try:
+                    if session is not None and not session.closing:
+                        channel = self._send(session, entry)
+                except zenoh.ZError as error:
+                    logger.debug("an upload could not leave: %s", error)
+            ack = self._receive(channel)
+            if ack is not None:
+                self._failures = 0
+                self._ledger.settle(entry, ack)
+                continue
+            self._ledger.postpone(entry, REST)
+            self._failures += 1
+            if self._failures >= FAILURES_UNTIL_REOPEN:
+                self._reopen(session)
+
+    def _send(self, session: ZenohSession, entry: Entry) -> Any:
+        key = f"{UPLOAD}/{entry.actor_id}/{entry.incarnation}/{entry.sequence}"
+        return session.ask(key, entry.payload, self._config.upload_timeout)
+
+    def _receive(self, channel: Any) -> Ack | None:
+        if channel is None:
+            return None
+        sample = first_answer(channel)
+        if sample is None:
+            return None
+        try:
+            return decode(sample.payload.to_bytes(), Ack)[0]
+        except MessageError as error:
+            logger.warning("an ack could not be read: %s", error)
+            return None
+
+    def _reopen(self, failed: ZenohSession | None) -> None:
+        with self._opening:
+            if self._ledger.closed() or self._session is not failed:
+                return
+            if self._ask(ANNOUNCE, b"", REOPEN_SECONDS) is not None:
+                # The learner lives and is only busy; a new session would not help.
+                self._failures = 0
+                return
+            if failed is not None:
+                failed.close()
+            self._entities = []
+            self._session = None
+            logger.warning("no answer from %s; connecting anew", self._endpoint)
+            try:
+                session = self._connect(REOPEN_SECONDS)
+            except UnreachableError:
+                return
+            except UserError as error:
+                # Certificates that are being renewed may be missing for a moment.
+                logger.warning("%s", error)
+                return
+            self._session = session
+            self._failures = 0
+            if self._ledger.closed():
+                session.close()
+                return
+            try:
+                self._join(session)
+            except zenoh.ZError as error:
+                logger.warning("the new session failed at once: %s", error)

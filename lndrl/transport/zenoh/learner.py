@@ -1,0 +1,213 @@
+"""The learner's side over Zenoh: queryables for hello, uploads, weights, status; membership.
+
+Every kind of question has its own thread, so a stalled upload never delays the others.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import Any
+
+import zenoh
+
+from lndrl.config import TransportConfig
+from lndrl.errors import UserError
+from lndrl.transport.desk import LearnerDesk, to_json
+from lndrl.transport.interface import LearnerHandlers
+from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
+from lndrl.transport.messages import NO_WEIGHTS, Ack, Limits, encode
+from lndrl.transport.security.identity import Security
+from lndrl.transport.uploads import UploadQueue
+from lndrl.transport.zenoh.session import (
+    ExitGuard,
+    UnreachableError,
+    ZenohSession,
+    open_connecting,
+    open_listening,
+)
+
+CAPACITY = 4096
+ANNOUNCE_SECONDS = 1.0
+JOIN_SECONDS = 10.0
+logger = logging.getLogger(__name__)
+
+
+class ZenohLearner:
+    """See ``LearnerEndpoint``. Opening it occupies the port; raises UserError when it cannot.
+
+    With ``config.router`` it occupies no port but joins the router at ``config.endpoint``, where
+    it must be the only learner of its namespace.
+    """
+
+    def __init__(
+        self, config: TransportConfig, run_id: str = "", security: Security | None = None
+    ) -> None:
+        self.endpoint = config.endpoint
+        self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20), run_id)
+        self.incarnation = self._desk.incarnation
+        self._uploads = UploadQueue[zenoh.Query]()
+        self._news = threading.Event()
+        self._entities: list[Any] = []
+        self._payload: tuple[int, zenoh.ZBytes] | None = None
+        if config.router:
+            self._session = _join(config, security or Security("learner"))
+        else:
+            self._session = open_listening(config.endpoint, config, security)
+        self._guard = ExitGuard(self.close)
+
+    def start(self, handlers: LearnerHandlers) -> None:
+        """Begin to answer."""
+        self._desk.handlers = handlers
+        session = self._session
+        members = session.zenoh.liveliness().declare_subscriber(
+            f"{ACTORS}/**", zenoh.handlers.FifoChannel(CAPACITY), history=True
+        )
+        self._entities.append(members)
+        session.pump("members", members.handler, self._on_member)
+        for name, key, take in (
+            ("status", STATUS, self._on_status),
+            ("announce", ANNOUNCE, self._on_announce),
+            ("weights", WEIGHTS, self._on_weights),
+            ("intake", f"{UPLOAD}/**", self._uploads.put),
+            ("ping", PING, self._on_ping),
+            ("hello", HELLO, self._on_hello),
+        ):
+            queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
+            self._entities.append(queryable)
+            session.pump(name, queryable.handler, take)
+        session.run("uploads", self._take_uploads)
+        session.run("announcer", self._announce)
+
+    def publish_weights(self, version: int, blob: bytes) -> None:
+        """Offer weights; the announcement leaves on another thread."""
+        self._desk.put_weights(version, blob)
+        self._news.set()
+
+    def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
+        """Offer the status; drops the live copy rather than wait for a slow viewer."""
+        self._desk.put_status(snapshot, history)
+        self._put(STATUS, to_json(snapshot), zenoh.Priority.DATA_LOW, express=False)
+
+    def finish(self) -> None:
+        """Say ``done`` from now on."""
+        self._desk.finish()
+        self._news.set()
+
+    def close(self) -> None:
+        """Stop answering and give the port back."""
+        self._guard.release()
+        self._uploads.close()
+        self._news.set()
+        self._session.close()
+
+    def _on_hello(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(HELLO, self._desk.answer_hello(_bytes(query)))
+
+    def _on_ping(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(PING, self._desk.answer_ping())
+
+    def _take_uploads(self) -> None:
+        while (query := self._uploads.get()) is not None:
+            with query:
+                try:
+                    query.reply(query.key_expr, encode(self._answer_upload(query)))
+                except zenoh.ZError:
+                    # The actor left or the session closes; an actor that lives sends again.
+                    continue
+                except Exception:
+                    # This thread is the only one that takes uploads in.
+                    logger.exception("an upload could not be answered")
+
+    def _answer_upload(self, query: zenoh.Query) -> Ack:
+        status, began = "refused", time.thread_time()
+        try:
+            ack = self._desk.answer_chunk(_bytes(query))
+            status = ack.status
+            return ack
+        finally:
+            # Before the reply, which fails when the sender has left: that must not be cheaper.
+            self._uploads.settle(query, status, time.thread_time() - began)
+
+    def _on_weights(self, query: zenoh.Query) -> None:
+        with query:
+            if str(query.key_expr) != WEIGHTS:
+                return  # whoever asks everything there is does not want megabytes
+            wanted = _bytes(query)[:20].decode("ascii", "replace")
+            # What is no number asks for no version: its answer would be megabytes for nothing.
+            number = int(wanted) if wanted.isdecimal() else NO_WEIGHTS
+            version = number if wanted else None
+            found = self._desk.weights(version)
+            if found is None:
+                newest = encode(self._desk.announcement())
+                query.reply(WEIGHTS, b"", attachment=newest)
+                return
+            announcement, blob = found
+            if self._payload is None or self._payload[0] != announcement.version:
+                self._payload = (announcement.version, zenoh.ZBytes(blob))
+            query.reply(WEIGHTS, self._payload[1], attachment=encode(announcement))
+
+    def _on_announce(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(ANNOUNCE, encode(self._desk.announcement()))
+
+    def _on_status(self, query: zenoh.Query) -> None:
+        with query:
+            status = self._desk.status()
+            if status is not None:
+                query.reply(STATUS, status)
+
+    def _on_member(self, sample: zenoh.Sample) -> None:
+        parts = str(sample.key_expr).removeprefix(f"{ACTORS}/").split("/")
+        if len(parts) == 2 and self._desk.handlers is not None:
+            alive = sample.kind == zenoh.SampleKind.PUT
+            self._desk.handlers.on_member(parts[0], parts[1], alive)
+
+    def _announce(self) -> None:
+        # Repeated, because a lost announcement would leave a waiting actor idle for good.
+        while not self._session.closing:
+            self._news.wait(ANNOUNCE_SECONDS)
+            self._news.clear()
+            newest = self._desk.announcement()
+            if newest.version != NO_WEIGHTS or newest.done:
+                self._put(ANNOUNCE, encode(newest), zenoh.Priority.INTERACTIVE_HIGH, express=True)
+
+    def _put(self, key: str, data: bytes, priority: zenoh.Priority, express: bool) -> None:
+        if self._session.closing:
+            return
+        try:
+            self._session.zenoh.put(
+                key,
+                data,
+                priority=priority,
+                express=express,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+        except zenoh.ZError:
+            if not self._session.closing:
+                raise
+
+
+def _join(config: TransportConfig, security: Security) -> ZenohSession:
+    endpoint, namespace = config.endpoint, config.namespace
+    try:
+        session = open_connecting(endpoint, config, JOIN_SECONDS, security)
+    except UnreachableError:
+        raise UserError(
+            f"the router at {endpoint} does not answer, or refuses this learner's certificate or"
+            " user; start it or correct the address"
+        ) from None
+    if session.query(PING, timeout=1.0) is not None:
+        session.close()
+        place = f"in namespace {namespace}" if namespace else "without a namespace"
+        raise UserError(
+            f"another learner {place} is at the router {endpoint}; give each its own --namespace"
+        )
+    return session
+
+
+def _bytes(query: zenoh.Query) -> bytes:
+    return query.payload.to_bytes() if query.payload is not None else b""

@@ -1,0 +1,1 @@
+"""The terminal dashboard: news (``feed``), its picture (``screen``), that over time (``live``)."""

@@ -1,0 +1,1 @@
+"""Drawings by matplotlib: worlds, films, trajectories, curves and reports."""

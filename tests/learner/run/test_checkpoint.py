@@ -1,0 +1,232 @@
+"""Checkpoints: complete, atomic, checked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from learner.ppo.batch import assemble
+from learner.ppo.update import PPO
+from learner.run.checkpoint import (
+    Counters,
+    clean_up,
+    find_checkpoint,
+    list_checkpoints,
+    load_checkpoint,
+    save_checkpoint,
+    set_aside_later,
+    start_from,
+)
+from lndrl.config import RunConfig
+from lndrl.errors import UserError
+from lndrl.policy import load_policy
+from tests.learner.helpers_learner import random_trajectory, small_config
+
+BOOKS = {"roster": {"actors": {"a": 0}, "sequences": [["a", "x", 4, [6]]]}}
+
+
+@pytest.fixture
+def trained():
+    """A maker of PPO objects that have learned from a batch or two."""
+    made: list[PPO] = []
+
+    def make(config: RunConfig, updates: int) -> PPO:
+        ppo = PPO(config)
+        made.append(ppo)
+        for seed in range(updates):
+            ppo.update(assemble([random_trajectory(config, seed)]), 0.0)
+        return ppo
+
+    yield make
+    for ppo in made:
+        ppo.close()
+
+
+def test_training_goes_on_bit_for_bit(trained, tmp_path: Path) -> None:
+    config = small_config()
+    first = trained(config, 2)
+    path = save_checkpoint(tmp_path, first, Counters(steps=64, updates=2, version=2), BOOKS, 3)
+    second = trained(config, 0)
+    counters, books = load_checkpoint(path, second)
+    assert (counters.steps, counters.version, books) == (64, 2, BOOKS)
+    batch = assemble([random_trajectory(config, 99)])
+    assert first.update(batch, 0.5) == second.update(batch, 0.5)
+    for one, other in zip(first.policy.parameters(), second.policy.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_the_newest_few_are_kept_and_no_partial_one_remains(trained, tmp_path: Path) -> None:
+    ppo = trained(small_config(), 1)
+    for steps in (10, 20, 30):
+        save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, keep=2)
+    assert [p.name for p in list_checkpoints(tmp_path)] == ["step-000000020", "step-000000030"]
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_a_disk_that_refuses_leaves_the_old_ones(trained, tmp_path: Path, monkeypatch) -> None:
+    ppo = trained(small_config(), 1)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 2)
+
+    def refuse(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("learner.run.checkpoint.os.fsync", refuse)
+    with pytest.raises(OSError, match="space"):
+        save_checkpoint(tmp_path, ppo, Counters(steps=20), BOOKS, 2)
+    assert list_checkpoints(tmp_path) == [path]
+
+
+@pytest.mark.parametrize("file", ["policy.safetensors", "optimizer.safetensors", "state.json"])
+def test_damage_is_found_and_the_one_before_is_offered(trained, tmp_path: Path, file: str) -> None:
+    ppo = trained(small_config(), 1)
+    for steps in (10, 20):
+        path = save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, 3)
+    data = bytearray((path / file).read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    (path / file).write_bytes(data[: len(data) - 3] if file == "state.json" else data)
+    with pytest.raises(UserError, match=r"damaged.*--checkpoint step-000000010"):
+        load_checkpoint(path, ppo)
+
+
+def test_another_network_is_named(trained, tmp_path: Path) -> None:
+    path = save_checkpoint(tmp_path, trained(small_config(), 1), Counters(), BOOKS, 3)
+    other = trained(small_config(network={"features": 24}), 0)
+    sentence = r"policy\.safetensors: trained with 16 features; this configuration has 24 features"
+    with pytest.raises(UserError, match=sentence):
+        load_checkpoint(path, other)
+
+
+def test_find_checkpoint_names_what_there_is(trained, tmp_path: Path) -> None:
+    config = small_config()
+    with pytest.raises(UserError, match="holds no checkpoint"):
+        find_checkpoint(tmp_path, None)
+    path = save_checkpoint(tmp_path, trained(config, 0), Counters(steps=10), BOOKS, 3)
+    assert find_checkpoint(tmp_path, None) == path
+    with pytest.raises(UserError, match="step-000000010"):
+        find_checkpoint(tmp_path, "step-000000011")
+
+
+def test_the_policy_file_alone_says_how_to_run_it(trained, tmp_path: Path) -> None:
+    config = small_config()
+    path = save_checkpoint(tmp_path / "checkpoints", trained(config, 0), Counters(), BOOKS, 3)
+    for place in (tmp_path, path, path / "policy.safetensors"):
+        found, blob = load_policy(place)
+        assert found == config
+        assert blob == (path / "policy.safetensors").read_bytes()
+
+
+def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> None:
+    config = small_config()
+    old = trained(config, 2)
+    save_checkpoint(tmp_path / "checkpoints", old, Counters(steps=64), BOOKS, 3)
+    new = trained(config.model_copy(update={"seed": 5}), 0)
+    order = new.rng.bit_generator.state
+    assert start_from(tmp_path, new).name == "step-000000064"
+    assert new.rng.bit_generator.state == order, "the new run's seed orders its minibatches"
+    for one, other in zip(old.value.parameters(), new.value.parameters(), strict=True):
+        assert torch.equal(one, other)
+    assert all("exp_avg" in new.value_optimizer.state[p] for p in new.value.parameters())
+    with pytest.raises(UserError, match="nowhere holds no checkpoint"):
+        start_from(tmp_path / "nowhere", new)
+
+
+def test_what_a_full_disk_left_behind_is_removed(trained, tmp_path: Path, monkeypatch) -> None:
+    ppo = trained(small_config(), 1)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 2)
+    for failing in range(1, 6):
+        left = failing
+
+        def flush(descriptor: int) -> None:
+            nonlocal left
+            left -= 1
+            if not left:
+                raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("learner.run.checkpoint.os.fsync", flush)
+            with pytest.raises(OSError, match="space"):
+                save_checkpoint(tmp_path, ppo, Counters(steps=20), BOOKS, 2)
+        for kept in list_checkpoints(tmp_path):
+            load_checkpoint(kept, ppo)
+        assert path in list_checkpoints(tmp_path)
+        assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_a_checkpoint_replaces_one_of_its_name_without_a_gap(
+    trained, tmp_path: Path, monkeypatch
+) -> None:
+    """A writer killed between two renames leaves the old one to be found again."""
+    ppo = trained(small_config(), 1)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=1), BOOKS, 1)
+    original, calls = Path.rename, []
+
+    def rename(self: Path, target: Path) -> Path:
+        calls.append(self.name)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return original(self, target)
+
+    monkeypatch.setattr(Path, "rename", rename)
+    with pytest.raises(KeyboardInterrupt):
+        save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=2), BOOKS, 1)
+    monkeypatch.undo()
+    assert list_checkpoints(tmp_path) == []
+    assert clean_up(tmp_path) == [".step-000000010.partial"]
+    assert list(tmp_path.iterdir()) == [path]
+    assert load_checkpoint(path, ppo)[0].updates == 1
+    save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=2), BOOKS, 1)
+    assert list(tmp_path.iterdir()) == [path]
+    assert load_checkpoint(path, ppo)[0].updates == 2
+
+
+def test_going_back_sets_what_came_later_aside(trained, tmp_path: Path) -> None:
+    ppo = trained(small_config(), 0)
+    for steps in (10, 20, 30):
+        save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, 3)
+    assert set_aside_later(tmp_path / "step-000000010") == ["step-000000020", "step-000000030"]
+    save_checkpoint(tmp_path, ppo, Counters(steps=15), BOOKS, 1)
+    assert find_checkpoint(tmp_path, None).name == "step-000000015"
+    assert (tmp_path / "abandoned-step-000000030").is_dir()
+
+
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("counters", {"steps": -1}),
+        ("counters", {"steps": "many"}),
+        ("counters", {"steps": 1, "jumps": 2}),
+        ("counters", {"elapsed": float("inf")}),
+        ("counters", None),
+        ("generator", {"bit_generator": "MT19937"}),
+        ("generator", []),
+        ("learning_rates", [0.1]),
+        ("learning_rates", ["x", "y"]),
+        ("digests", {}),
+        ("digests", 3),
+        ("format", 2),
+    ],
+)
+def test_states_that_no_learner_wrote_are_refused(trained, tmp_path: Path, key, value) -> None:
+    ppo = trained(small_config(), 0)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 3)
+    state = json.loads((path / "state.json").read_text())
+    state[key] = value
+    (path / "state.json").write_text(json.dumps(state))
+    with pytest.raises(UserError, match=r"not what was written|format"):
+        load_checkpoint(path, ppo)
+    del state["digest"]  # as checkpoints were before there was one
+    (path / "state.json").write_text(json.dumps(state))
+    with pytest.raises(UserError, match=r"damaged|format"):
+        load_checkpoint(path, ppo)
+
+
+def test_moments_that_are_no_numbers_are_refused(trained, tmp_path: Path) -> None:
+    ppo = trained(small_config(), 1)
+    moments = ppo.policy_optimizer.state[next(ppo.policy.parameters())]
+    moments["exp_avg"].view(-1)[0] = float("nan")
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=10), BOOKS, 3)
+    with pytest.raises(UserError, match="moments are not finite"):
+        load_checkpoint(path, trained(small_config(), 0))

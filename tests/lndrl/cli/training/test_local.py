@@ -1,0 +1,86 @@
+"""How the running training keeps its balance; learner and fleet are stand-ins."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from actors.balance import Balance
+from lndrl.cli.training.local import _keep_balance, reachable
+
+
+class Fleet:
+    def __init__(self, actors: int) -> None:
+        self.actors = actors
+
+    def __len__(self) -> int:
+        return self.actors
+
+    def settled(self) -> bool:
+        return True
+
+    def grow(self) -> str:
+        self.actors += 1
+        return f"actor-{self.actors - 1}"
+
+    def shrink(self) -> str:
+        self.actors -= 1
+        return f"actor-{self.actors}"
+
+
+@pytest.fixture
+def turn(monkeypatch: pytest.MonkeyPatch):
+    """Runs the loop's step for ten minutes; returns fleet, events and actors retired."""
+
+    def run(actors: int, waits: float, idle: float, updates: bool = True) -> Any:
+        fleet, balance = Fleet(actors), Balance(most=3)
+        events: list[tuple[str, str]] = []
+        retired: list[str] = []
+        learner = SimpleNamespace(
+            figures={"kl": 0.1} if updates else {},
+            split=SimpleNamespace(shares=lambda window: {"wait": waits}),
+            roster=SimpleNamespace(shares=lambda window: {"wait": idle}, retire=retired.append),
+            events=SimpleNamespace(add=lambda kind, text: events.append((kind, text))),
+        )
+        now = 50.0
+        monkeypatch.setattr("lndrl.cli.training.local.time.monotonic", lambda: now)
+        for _ in range(2400):
+            now += 0.25
+            _keep_balance(balance, fleet, learner)
+        return len(fleet), events, retired
+
+    return run
+
+
+def test_a_waiting_learner_gets_actors_up_to_the_cores(turn) -> None:
+    actors, events, retired = turn(1, 0.4, 0.05)
+    assert (actors, retired) == (3, [])
+    assert [kind for kind, _ in events] == ["balance", "balance"]
+    assert "one actor more, 2 now: the learner waited 40% of the last 30 s" in events[0][1]
+    assert "the actors 5%" in events[0][1]
+
+
+def test_idle_actors_leave_and_are_not_missed(turn) -> None:
+    actors, events, retired = turn(3, 0.0, 0.9)
+    assert (actors, retired) == (1, ["actor-2", "actor-1"])
+    assert "one actor less, 1 now" in events[-1][1]
+
+
+def test_before_the_first_update_nothing_is_known(turn) -> None:
+    assert turn(1, 0.9, 0.0, updates=False) == (1, [], [])
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "here"),
+    [
+        ("tcp/0.0.0.0:7447", "tcp/127.0.0.1:7447"),
+        ("tls/0.0.0.0:7447", "tls/127.0.0.1:7447"),
+        ("tcp/[::]:7447", "tcp/[::1]:7447"),
+        ("tls/[::]:7447", "tls/localhost:7447"),
+        ("tls/learner.example:7447", "tls/learner.example:7447"),
+    ],
+)
+def test_local_actors_go_where_this_machine_reaches_the_learner(endpoint: str, here: str) -> None:
+    assert reachable(endpoint) == here

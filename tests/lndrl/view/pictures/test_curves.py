@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lndrl.errors import UserError
+from lndrl.evaluation.run_metrics import read_metrics
+from lndrl.view.pictures.curves import column, save_curves, smooth, spread, write_csv
+
+ROWS = [
+    {
+        "update": i,
+        "steps": 1024 * i,
+        "episodes": {"count": i, "arrived": 0.01 * i, "collided": 0.5, "lost": 0.1},
+        "ppo": {"kl": 0.01, "entropy": math.nan if i == 3 else 3.0},
+    }
+    for i in range(1, 40)
+]
+
+
+def test_files_are_written(tmp_path: Path) -> None:
+    save_curves(ROWS, tmp_path / "curves.png", title="a run")
+    with Image.open(tmp_path / "curves.png") as image:
+        assert image.width > 1000
+    write_csv(ROWS, tmp_path / "curves.csv")
+    with open(tmp_path / "curves.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == 39
+    assert (table[4]["update"], table[4]["steps"], table[4]["arrived"]) == ("5", "5120", "0.05")
+    assert table[4]["timeout"] == table[2]["entropy"] == ""
+
+
+@pytest.mark.parametrize("rows", [ROWS[:1], [{}], [{"steps": 1, "episodes": None}, {"ppo": 3}]])
+def test_missing_keys_are_tolerated(rows: list[dict[str, object]], tmp_path: Path) -> None:
+    save_curves(rows, tmp_path / "c.png")
+    write_csv(rows, tmp_path / "c.csv")
+    assert (tmp_path / "c.png").stat().st_size > 1000
+
+
+def test_nothing_to_draw_is_said(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="nothing to draw"):
+        save_curves([], tmp_path / "c.png")
+
+
+def test_smoothing_keeps_means_and_ignores_gaps() -> None:
+    assert smooth(np.full(50, 3.0)) == pytest.approx(3.0)
+    values = np.array([1.0, math.nan, 3.0])
+    assert smooth(values, share=1.0)[1] == pytest.approx(2.0)
+    line = np.arange(101.0)
+    assert smooth(line, 0.1)[5:-5] == pytest.approx(line[5:-5])
+
+
+def test_column_takes_only_numbers() -> None:
+    rows = [{"a": {"b": 1}}, {"a": 3}, {"a": {"b": True}}, {"a": {"b": "x"}}, {}]
+    assert column(rows, "a.b")[0] == 1.0
+    assert np.isnan(column(rows, "a.b")[1:]).all()
+
+
+def test_labels_keep_apart_and_in_bounds() -> None:
+    placed = spread([98.0, 97.0, 0.0, 1.0], gap=5.0, low=2.0, high=98.0)
+    assert sorted(placed) == [placed[i] for i in (2, 3, 1, 0)]
+    assert np.diff(sorted(placed)).min() >= 5.0
+    assert min(placed) >= 2.0 and max(placed) <= 98.0
+
+
+def test_metrics_are_read_and_refused(tmp_path: Path) -> None:
+    path = tmp_path / "metrics.jsonl"
+    with pytest.raises(UserError, match="no such file"):
+        read_metrics(path)
+    path.write_text("")
+    with pytest.raises(UserError, match="holds no rows"):
+        read_metrics(path)
+    path.write_text('{"steps": 1}\n{"steps": 2}\n{"ste')
+    assert [row["steps"] for row in read_metrics(path)] == [1, 2]
+    path.write_text('{"steps": 1}\nnonsense\n{"steps": 2}\n')
+    with pytest.raises(UserError, match="line 2"):
+        read_metrics(path)
