@@ -11,10 +11,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lndrl.bench.localization_drives import Drive, record_drives
 from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import hybrid_config
+from lndrl.bench.wandering import record_drives
 from lndrl.config import LaserConfig, LocalizationConfig, RunConfig
+from lndrl.evaluation.localization.drives import SensorLog
 from lndrl.localization import (
     AMCL,
     LikelihoodMap,
@@ -61,7 +62,7 @@ def measure(seconds: float) -> dict[str, Any]:
     by_model = {}
     for model in MODELS:
         fixed = fixed_count(config.localization, 500, laser_model_type=model)
-        part = shortened(recording, _BEAM_TICKS) if model == "beam" else recording
+        part = recording.first(_BEAM_TICKS) if model == "beam" else recording
         by_model[model] = 1e6 * _median(_wrapped(place.grid, fixed, laser, part), seconds)
     return {
         "update_microseconds": wrapped,
@@ -76,21 +77,13 @@ def fixed_count(config: LocalizationConfig, count: int, **changes: Any) -> Local
     return LocalizationConfig.model_validate(data)
 
 
-def record(config: RunConfig, place: Place) -> Drive:
+def record(config: RunConfig, place: Place) -> SensorLog:
     """The drive that all filters hear: through the configured scenario and its people."""
     return record_drives(place, config.world, drives=1, updates=_TICKS, seed=config.seed)[0]
 
 
-def shortened(recording: Drive, ticks: int) -> Drive:
-    """The first ``ticks`` entries."""
-    return Drive(
-        recording.start, recording.truth[:ticks], recording.odometry[:ticks],
-        recording.ranges[:ticks],
-    )  # fmt: skip
-
-
 def used_beams(
-    recording: Drive, config: LocalizationConfig, laser: LaserConfig
+    recording: SensorLog, config: LocalizationConfig, laser: LaserConfig
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Ranges (T, n) and bearings (n,) of the beams that a filter of ``config`` is given."""
     stride = amcl_beam_stride(laser, config)
@@ -99,7 +92,7 @@ def used_beams(
 
 
 def _wrapped(
-    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Drive
+    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: SensorLog
 ) -> Callable[[], float]:
     """A replay through ``AMCL``: seconds per update that moved the filter."""
     amcl = AMCL(LikelihoodMap.build(grid, config), config, laser)
@@ -127,7 +120,7 @@ def _replay(odometry, ranges, bearings, belief, scratch, bins, limits, field, se
 
 
 def _compiled(
-    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: Drive
+    grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: SensorLog
 ) -> Callable[[], float]:
     """The same replay in one compiled call."""
     belief = belief_of(make_beliefs(1, config), 0)

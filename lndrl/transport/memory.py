@@ -11,22 +11,20 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.transport.bookkeeper import Bookkeeper
 from lndrl.transport.desk import LearnerDesk, to_json
 from lndrl.transport.interface import (
     LearnerHandlers,
     LearnerUnreachableError,
     WeightsGoneError,
 )
-from lndrl.transport.ledger import Entry, Ledger
 from lndrl.transport.messages import (
-    Ack,
     ChunkHeader,
     Hello,
     Limits,
@@ -109,11 +107,11 @@ class MemoryLearner:
                 actor.ledger.heard(news.version, news.learner_incarnation, news.done)
 
 
-class MemoryActor:
+class MemoryActor(Bookkeeper):
     """An actor's side; see ``ActorEndpoint``."""
 
     def __init__(self, network: MemoryNetwork) -> None:
-        self.ledger = Ledger(network.config.upload_window)
+        super().__init__(network.config.upload_window)
         self._network = network
         self._hello: Hello | None = None
 
@@ -142,8 +140,7 @@ class MemoryActor:
         timeout: float | None = None,
     ) -> None:
         """Hand a chunk to the learner's handler, on this thread."""
-        self.ledger.check_ready()
-        payload = encode(header, arrays)
+        entry = self._written(header, arrays)
         deadline = None if timeout is None else time.monotonic() + timeout
         while not self.ledger.has_room():
             if deadline is not None and time.monotonic() >= deadline:
@@ -151,26 +148,11 @@ class MemoryActor:
             self._send()
             if not self.ledger.has_room():
                 time.sleep(POLL)
-        samples = header.steps * header.worlds
-        self.ledger.add(
-            Entry(header.actor_id, header.incarnation, header.sequence, payload, samples)
-        )
+        self.ledger.add(entry)
         self._send()
-
-    def keep_book(self, path: Path) -> None:
-        """Note every upload in a file."""
-        self.ledger.keep_book(path)
 
     def adopt(self, config: TransportConfig) -> None:
         """Nothing to take over: answers come at once."""
-
-    def acks(self) -> list[Ack]:
-        """Acks that settled chunks since the last call."""
-        return self.ledger.drain_acks()
-
-    def pending(self) -> int:
-        """Chunks not yet settled."""
-        return self.ledger.pending()
 
     def flush(self, timeout: float) -> bool:
         """Send what waits."""
@@ -182,26 +164,6 @@ class MemoryActor:
             if time.monotonic() >= deadline or self.ledger.closed() or self.ledger.needs_hello():
                 return False
             time.sleep(POLL)
-
-    def needs_hello(self) -> bool:
-        """Whether another learner answered."""
-        return self.ledger.needs_hello()
-
-    def done(self) -> bool:
-        """Whether training has finished."""
-        return self.ledger.done()
-
-    def silence(self) -> float:
-        """Seconds since the learner was last heard."""
-        return self.ledger.silence()
-
-    def newest(self) -> tuple[int, str]:
-        """Newest known weights version and learner."""
-        return self.ledger.newest()
-
-    def wait_newer(self, version: int, timeout: float) -> bool:
-        """Wait for news of another thread; with one thread use timeout 0."""
-        return self.ledger.wait_newer(version, timeout)
 
     def fetch(self, version: int | None = None, timeout: float = 10.0) -> tuple[int, bytes]:
         """Weights as (version, blob)."""

@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lndrl.bench.localization_drives import record_drives, rectangles_scenario, replay
 from lndrl.bench.peers.amcl import BEAM_MODEL, replay_peer
+from lndrl.bench.wandering import record_drives, rectangles_scenario
 from lndrl.config import LocalizationConfig, WorldConfig
 from lndrl.world import Place
+from tests.lndrl.localization.replayed import replay
 
 package = pytest.importorskip("amcl")
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.bench.amcl import fixed_count, record, shortened, used_beams
-from lndrl.bench.localization_drives import Drive
+from lndrl.bench.amcl import fixed_count, record, used_beams
 from lndrl.bench.scene import hybrid_config
 from lndrl.config import LaserConfig, LocalizationConfig, RunConfig
+from lndrl.evaluation.localization.drives import SensorLog
 from lndrl.localization import AMCL, LikelihoodMap
 from lndrl.maps.grid import OccupancyGrid
 from lndrl.randomness import Stream, stream_state
@@ -45,7 +45,7 @@ def measure_peers(seconds: float) -> dict[str, Any]:
     """
     config = hybrid_config()
     place = Place.build(config.scenario, config.world.robot_radius)
-    recording = shortened(record(config, place), _TICKS)
+    recording = record(config, place).first(_TICKS)
     ours = {
         "lndrl beam": LocalizationConfig.model_validate(BEAM_MODEL),
         "lndrl likelihood_field": LocalizationConfig(),
@@ -68,7 +68,7 @@ def _by_key(rows: dict[str, tuple[float, float]]) -> dict[str, Any]:
     }
 
 
-def _peer(config: RunConfig, place: Place, recording: Drive) -> dict[str, Any]:
+def _peer(config: RunConfig, place: Place, recording: SensorLog) -> dict[str, Any]:
     try:
         package = importlib.import_module("amcl")
     except ImportError:
@@ -88,7 +88,7 @@ def replay_peer(
     grid: OccupancyGrid,
     config: LocalizationConfig,
     laser: LaserConfig,
-    recording: Drive,
+    recording: SensorLog,
 ) -> tuple[list[float], NDArray[np.float64]]:
     """Seconds of every update of the ``amcl`` package, and its estimates (T, 3) (m, rad).
 
@@ -148,7 +148,7 @@ def _make_peer(
 
 
 def _ours(
-    place: Place, localization: LocalizationConfig, config: RunConfig, recording: Drive
+    place: Place, localization: LocalizationConfig, config: RunConfig, recording: SensorLog
 ) -> tuple[float, float]:
     """Median seconds of an update, and the position RMSE (m)."""
     laser = config.world.laser
@@ -166,6 +166,6 @@ def _ours(
     return statistics.median(times), _rmse(np.array(estimates), recording)
 
 
-def _rmse(estimates: NDArray[np.float64], recording: Drive) -> float:
+def _rmse(estimates: NDArray[np.float64], recording: SensorLog) -> float:
     wrong = estimates[:, :2] - recording.truth[:, :2]
     return float(np.sqrt((wrong**2).sum(axis=1).mean()))

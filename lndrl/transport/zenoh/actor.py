@@ -11,7 +11,6 @@ import logging
 import threading
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -19,9 +18,10 @@ from numpy.typing import NDArray
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.transport.bookkeeper import Bookkeeper
 from lndrl.transport.interface import LearnerUnreachableError, WeightsGoneError
 from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, UPLOAD, WEIGHTS
-from lndrl.transport.ledger import Entry, Ledger
+from lndrl.transport.ledger import Entry
 from lndrl.transport.messages import (
     Ack,
     ChunkHeader,
@@ -51,7 +51,7 @@ REOPEN_SECONDS = 2.0
 logger = logging.getLogger(__name__)
 
 
-class ZenohActor:
+class ZenohActor(Bookkeeper):
     """See ``ActorEndpoint``. The network is first touched by ``hello``."""
 
     def __init__(
@@ -65,7 +65,7 @@ class ZenohActor:
         self._security.check(endpoint, listening=False)
         self._endpoint = endpoint
         self._config = config or TransportConfig(endpoint=endpoint)
-        self._ledger = Ledger(self._config.upload_window)
+        super().__init__(self._config.upload_window)
         self._session: ZenohSession | None = None
         self._entities: list[Any] = []
         self._hello: Hello | None = None
@@ -93,7 +93,7 @@ class ZenohActor:
             self._hello = hello
             if self._session is not None:
                 self._join(self._session)
-        self._ledger.welcomed(answer)
+        self.ledger.welcomed(answer)
         while len(self._carriers) < self._config.upload_window:
             thread = threading.Thread(target=self._carry, name="lndrl-upload", daemon=True)
             self._carriers.append(thread)
@@ -107,66 +107,30 @@ class ZenohActor:
         timeout: float | None = None,
     ) -> None:
         """Send a chunk in the background; blocks while the window is full."""
-        self._ledger.check_ready()
-        payload = encode(header, arrays)
+        entry = self._written(header, arrays)
         limit = self._config.max_message_megabytes * 2**20
-        if len(payload) > limit:
+        if len(entry.payload) > limit:
             raise MessageError(
-                f"a chunk of {len(payload)} bytes exceeds {limit}; use fewer worlds or a shorter"
-                " horizon, or raise transport.max_message_megabytes"
+                f"a chunk of {len(entry.payload)} bytes exceeds {limit}; use fewer worlds or a"
+                " shorter horizon, or raise transport.max_message_megabytes"
             )
-        self._ledger.wait_room(timeout)
-        samples = header.steps * header.worlds
-        self._ledger.add(
-            Entry(header.actor_id, header.incarnation, header.sequence, payload, samples)
-        )
-
-    def keep_book(self, path: Path) -> None:
-        """Note every upload in a file."""
-        self._ledger.keep_book(path)
+        self.ledger.wait_room(timeout)
+        self.ledger.add(entry)
 
     def adopt(self, config: TransportConfig) -> None:
         """Wait for acknowledgements as long as the run's configuration says."""
         self._config = self._config.model_copy(update={"upload_timeout": config.upload_timeout})
 
-    def acks(self) -> list[Ack]:
-        """Acks that settled chunks since the last call."""
-        return self._ledger.drain_acks()
-
-    def pending(self) -> int:
-        """Chunks not yet settled."""
-        return self._ledger.pending()
-
     def flush(self, timeout: float) -> bool:
         """Wait until every chunk is settled."""
-        return self._ledger.wait_settled(timeout)
-
-    def needs_hello(self) -> bool:
-        """Whether another learner answered."""
-        return self._ledger.needs_hello()
-
-    def done(self) -> bool:
-        """Whether training has finished."""
-        return self._ledger.done()
-
-    def silence(self) -> float:
-        """Seconds since the learner was last heard."""
-        return self._ledger.silence()
-
-    def newest(self) -> tuple[int, str]:
-        """Newest known weights version and learner."""
-        return self._ledger.newest()
-
-    def wait_newer(self, version: int, timeout: float) -> bool:
-        """Wait for other weights than ``version``."""
-        return self._ledger.wait_newer(version, timeout)
+        return self.ledger.wait_settled(timeout)
 
     def fetch(self, version: int | None = None, timeout: float = 10.0) -> tuple[int, bytes]:
         """Weights as (version, blob), checked against their digest."""
         deadline = time.monotonic() + timeout
         payload = b"" if version is None else str(version).encode()
         failures = 0
-        while not self._ledger.closed() and (left := deadline - time.monotonic()) > 0:
+        while not self.ledger.closed() and (left := deadline - time.monotonic()) > 0:
             session = self._session
             sample = self._ask(WEIGHTS, payload, left)
             if sample is None or sample.attachment is None:
@@ -188,7 +152,7 @@ class ZenohActor:
 
     def close(self) -> None:
         """Leave."""
-        self._ledger.close()
+        self.ledger.close()
         if self._guard is not None:
             self._guard.release()
         session = self._session
@@ -198,7 +162,7 @@ class ZenohActor:
             thread.join(REOPEN_SECONDS + 1.0)
 
     def _first_contact(self, data: bytes, deadline: float) -> Message | None:
-        while not self._ledger.closed() and (left := deadline - time.monotonic()) > 0:
+        while not self.ledger.closed() and (left := deadline - time.monotonic()) > 0:
             if self._session is None:
                 with self._opening:
                     try:
@@ -243,14 +207,14 @@ class ZenohActor:
 
     def _on_news(self, sample: zenoh.Sample) -> None:
         news, _ = decode(sample.payload.to_bytes(), WeightsAnnouncement)
-        self._ledger.heard(news.version, news.learner_incarnation, news.done)
+        self.ledger.heard(news.version, news.learner_incarnation, news.done)
 
     def _carry(self) -> None:
         while True:
             channel = None
             # Taking and sending under one lock keeps chunks in order of their sequence.
             with self._turn:
-                entry = self._ledger.take()
+                entry = self.ledger.take()
                 if entry is None:
                     return
                 session = self._session
@@ -262,9 +226,9 @@ class ZenohActor:
             ack = self._receive(channel)
             if ack is not None:
                 self._failures = 0
-                self._ledger.settle(entry, ack)
+                self.ledger.settle(entry, ack)
                 continue
-            self._ledger.postpone(entry, REST)
+            self.ledger.postpone(entry, REST)
             self._failures += 1
             if self._failures >= FAILURES_UNTIL_REOPEN:
                 self._reopen(session)
@@ -287,7 +251,7 @@ class ZenohActor:
 
     def _reopen(self, failed: ZenohSession | None) -> None:
         with self._opening:
-            if self._ledger.closed() or self._session is not failed:
+            if self.ledger.closed() or self._session is not failed:
                 return
             if self._ask(ANNOUNCE, b"", REOPEN_SECONDS) is not None:
                 # The learner lives and is only busy; a new session would not help.
@@ -308,7 +272,7 @@ class ZenohActor:
                 return
             self._session = session
             self._failures = 0
-            if self._ledger.closed():
+            if self.ledger.closed():
                 session.close()
                 return
             try:

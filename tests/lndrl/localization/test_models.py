@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from lndrl.bench.localization_drives import (
-    kidnapped,
-    record_drives,
-    rectangles_scenario,
-    replay,
-)
+from lndrl.bench.wandering import record_drives, rectangles_scenario
 from lndrl.config import LaserConfig, LocalizationConfig, WorldConfig
 from lndrl.localization import (
     AMCL,
@@ -36,6 +31,7 @@ from lndrl.localization.recovery import injection_chance
 from lndrl.localization.update import _predict, pack
 from lndrl.randomness import stream_state
 from lndrl.world import Place, beam_bearings
+from tests.lndrl.localization.replayed import kidnapped, replay
 
 WORLD = WorldConfig()
 LASER = WORLD.laser
