@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -289,7 +290,7 @@ def in_a_service(path: Path) -> bool:
     return path.relative_to(ROOT).parts[0] in SERVICES
 
 
-@pytest.mark.parametrize("path", list(filter(in_a_service, FILES)), ids=module_of)
+@pytest.mark.parametrize("path", [path for path in FILES if in_a_service(path)], ids=module_of)
 def test_the_loops_fit_on_one_screen(path: Path) -> None:
     assert long_functions(path.read_text()) == []
 
@@ -303,3 +304,12 @@ def test_a_loop_that_does_not_fit_is_seen_in_every_room() -> None:
 def test_the_top_level_is_the_agreed_one() -> None:
     for name in ("pyproject.toml", "Makefile", "README.md", "LICENSE", "configs", "deploy"):
         assert (ROOT / name).exists(), name
+
+
+def test_types_are_checked_everywhere_and_as_strictly_in_tests() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]
+    assert set(settings["files"]) == {"lndrl", *SERVICES, "tests"}
+    assert settings["check_untyped_defs"] and "exclude" not in settings
+    relaxed = [name for each in settings["overrides"] for name in each["module"]]
+    assert not [name for name in relaxed if name.split(".")[0] in (*settings["files"], "*")]
+    assert "\t$(BIN)/mypy\n" in (ROOT / "Makefile").read_text(), "with no arguments: all of them"

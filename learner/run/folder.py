@@ -32,7 +32,7 @@ class RunFolder:
 
     @property
     def ledger(self) -> Path:
-        """What became of every chunk; see ``learner.ledger``."""
+        """What became of every chunk; see ``learner.intake.ledger``."""
         return self.path / "ledger.jsonl"
 
     @classmethod

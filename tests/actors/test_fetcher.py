@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from typing import cast
 
 import pytest
 
 from actors.actor import Actor
 from actors.fetcher import Fetcher
-from lndrl.transport import MemoryNetwork, MessageError
+from lndrl.transport import ActorEndpoint, MemoryNetwork, MessageError
 
 
 class SlowEndpoint:
@@ -26,6 +27,9 @@ class SlowEndpoint:
         if isinstance(self.answer, Exception):
             raise self.answer
         return self.answer
+
+    def fetcher(self) -> Fetcher:
+        return Fetcher(cast(ActorEndpoint, self))
 
 
 def wait_for(fetcher: Fetcher, learner: str):
@@ -45,7 +49,7 @@ def ended(fetcher: Fetcher) -> None:
 
 def test_one_fetch_at_a_time_that_nobody_waits_for():
     endpoint = SlowEndpoint()
-    fetcher = Fetcher(endpoint)
+    fetcher = endpoint.fetcher()
     assert fetcher.take("a") is None
     fetcher.begin("a")
     fetcher.begin("a")
@@ -61,7 +65,7 @@ def test_one_fetch_at_a_time_that_nobody_waits_for():
 def test_weights_of_a_learner_that_is_gone_are_dropped():
     endpoint = SlowEndpoint()
     endpoint.open.set()
-    fetcher = Fetcher(endpoint)
+    fetcher = endpoint.fetcher()
     fetcher.begin("old")
     ended(fetcher)
     assert fetcher.take("new") is None
@@ -72,7 +76,7 @@ def test_weights_of_a_learner_that_is_gone_are_dropped():
 def test_a_timeout_is_nothing_and_damage_is_told():
     endpoint = SlowEndpoint()
     endpoint.open.set()
-    fetcher = Fetcher(endpoint)
+    fetcher = endpoint.fetcher()
     endpoint.answer = TimeoutError("late")
     fetcher.begin("a")
     ended(fetcher)
@@ -93,6 +97,7 @@ def test_an_actor_goes_on_with_its_weights_until_newer_ones_are_here(small_confi
     learner.publish(1)
     actor.endpoint.flush(5.0)
     assert actor.run_chunk(), "asks for version 1 and does not wait for it"
+    assert actor._fetcher is not None
     ended(actor._fetcher)
     actor.endpoint.flush(5.0)
     assert actor.run_chunk()

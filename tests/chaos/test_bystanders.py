@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import pytest
 
 from lndrl.chaos import bystanders
 from lndrl.chaos.bystanders import AFTER, Bystanders
+from lndrl.chaos.monitor import Monitor
 
 
 class Clock:
@@ -30,6 +33,9 @@ class Seen:
     def arrived(self, actors, begin: float, end: float) -> int:
         return sum(n for at, name, n in self.arrivals if begin < at <= end and name in actors)
 
+    def bystanders(self) -> Bystanders:
+        return Bystanders(cast(Monitor, self))
+
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
@@ -47,7 +53,7 @@ def run(clock: Clock, seen: Seen, seconds: int, a: int, b: int) -> None:
 
 def test_others_are_held_against_the_time_before(clock: Clock) -> None:
     seen = Seen()
-    others = Bystanders(seen)
+    others = seen.bystanders()
     run(clock, seen, 20, a=7, b=1)
     run(clock, seen, 10, a=7, b=10)
     others.frozen("actor-0", [2, 3])
@@ -62,7 +68,7 @@ def test_others_are_held_against_the_time_before(clock: Clock) -> None:
 )
 def test_other_faults_spoil_a_pair(clock: Clock, at: int, seconds: float, counts: bool) -> None:
     seen = Seen()
-    others = Bystanders(seen)
+    others = seen.bystanders()
     for moment in range(30):
         if moment == at:
             others.disturbed(clock.now, seconds)
@@ -74,7 +80,7 @@ def test_other_faults_spoil_a_pair(clock: Clock, at: int, seconds: float, counts
 
 def test_other_freezes_spoil_a_pair_too(clock: Clock) -> None:
     seen = Seen()
-    others = Bystanders(seen)
+    others = seen.bystanders()
     run(clock, seen, 20, a=7, b=10)
     others.frozen("actor-0", [2])
     run(clock, seen, 5, a=0, b=10)
@@ -91,7 +97,7 @@ def test_other_freezes_spoil_a_pair_too(clock: Clock) -> None:
 
 def test_nobody_else_or_no_time_is_no_figure(clock: Clock) -> None:
     seen = Seen()
-    others = Bystanders(seen)
+    others = seen.bystanders()
     run(clock, seen, 20, a=7, b=10)
     others.frozen("actor-0", [])
     run(clock, seen, 10, a=7, b=10)

@@ -8,13 +8,14 @@ import time
 from collections.abc import Iterator
 from itertools import repeat
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from lndrl.chaos import flood, fuzz
 from lndrl.chaos.flood import Sent, run_floods
-from lndrl.chaos.stage import Child
+from lndrl.chaos.monitor import Monitor
+from lndrl.chaos.stage import Child, Stage
 from lndrl.config import TransportConfig, load_config
 from lndrl.transport import Ack, ChunkHeader, Hello, Welcome, free_endpoint, open_learner
 
@@ -114,11 +115,15 @@ class Place:
         self.children.append(child)
         return child
 
+    def watch(self, stop: threading.Event) -> fuzz._Watch:
+        monitor = cast(Monitor, Trains())
+        return fuzz._Watch(cast(Stage, self), monitor, stop, lambda line: None)
+
 
 def test_who_watches_hears_all_and_reads_the_cost(door, tmp_path: Path) -> None:
     place = Place(door[0], tmp_path)
     stop = threading.Event()
-    watch = fuzz._Watch(place, Trains(), stop, lambda line: None)
+    watch = place.watch(stop)
     try:
         watch.run(200, 1, 80.0)
         (sender,) = place.children
@@ -136,6 +141,6 @@ def test_who_watches_hears_all_and_reads_the_cost(door, tmp_path: Path) -> None:
 
 def test_a_sender_without_a_learner_is_said(tmp_path: Path) -> None:
     place = Place(free_endpoint(), tmp_path)
-    watch = fuzz._Watch(place, Trains(), threading.Event(), lambda line: None)
+    watch = place.watch(threading.Event())
     with pytest.raises(RuntimeError, match="nothing could be sent: no learner answers"):
         watch.run(10, 1, 10.0)

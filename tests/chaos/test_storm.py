@@ -24,6 +24,7 @@ class Door:
         self.config = config.model_dump(mode="json")
         self.taken: Counter[tuple[str, str, int]] = Counter()
         self.members: set[str] = set()
+        self.malformed: list[str] = []
         self._paused: set[str] = set()
         self._lock = threading.Lock()
 
@@ -38,6 +39,9 @@ class Door:
             assert arrays["action"].size == 8
             self.taken[header.actor_id, header.incarnation, header.sequence] += 1
             return Ack("accepted")
+
+    def on_malformed(self, reason: str) -> None:
+        self.malformed.append(reason)
 
     def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
         with self._lock:
@@ -56,6 +60,7 @@ def test_300_actors_join_at_once(tmp_path: Path) -> None:
         learner.close()
     assert (report.connected, report.welcomed, report.accepted) == (ACTORS, ACTORS, ACTORS)
     assert report.refused == report.unanswered == 0
+    assert door.malformed == []
     assert len(door.taken) == ACTORS
     assert set(door.taken.values()) == {1}
     book = ActorBook().read(lines_of(tmp_path / "book.jsonl"))

@@ -18,7 +18,8 @@ def drifting(slower: float = 1.0, more: float = 0.0) -> tuple[list[Mark], list[F
     """
     floods = [Flood(18.0 * n + 6.0, 18.0 * n + 18.0, 1200) for n in range(10)]
     end = 18.0 * 10 + 6.0
-    marks, now, cpu = [], 0.0, 0.0
+    marks: list[Mark] = []
+    now, cpu = 0.0, 0.0
     while now <= end:
         wild = any(flood.begin <= now < flood.end for flood in floods)
         slow = 1.0 + now / end
@@ -32,8 +33,10 @@ def test_a_flood_that_costs_nothing_costs_nothing_while_the_machine_drifts() -> 
     marks, floods, end = drifting()
     found = cost(marks, floods, 0.0, end)
     assert found.ratio == pytest.approx(1.0, abs=0.02)
+    assert found.least is not None and found.most is not None
     assert found.least < 1.0 < found.most
     assert found.ms_per_message == pytest.approx(0.0, abs=0.1)
+    assert found.flood is not None and found.calm is not None
     assert 25.0 < found.flood < 50.0 and 25.0 < found.calm < 50.0
 
 

@@ -129,6 +129,7 @@ def test_the_snapshot_fits_its_schema(start) -> None:
     assert (status.steps, status.updates, status.weights_version) == (32, 1, 1)
     assert status.actors[0].id == "a"
     assert status.actors[0].time_split == status.actor_split == {"infer": 1.0}
+    assert status.overhead_learner is not None
     assert status.overhead_actor == 0.0 and 0.0 < status.overhead_learner < 1.0
     assert status.verdict == "learning", "too early to say more"
     run.learner.first_update -= 100.0

@@ -184,7 +184,8 @@ def test_paper_yaml_has_the_published_numbers() -> None:
         "adam_eps": 1e-8,
     }
     assert config.learner.total_steps == 1_200_000
-    assert config.actor.count * config.actor.worlds == 8
+    count, worlds = config.actor.count, config.actor.worlds
+    assert isinstance(count, int) and isinstance(worlds, int) and count * worlds == 8
     assert config.network.pooling == "max"
     assert config.network.turn_reluctance == 0.0
     assert config.scenario.name == "hybrid"

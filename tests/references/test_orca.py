@@ -83,7 +83,7 @@ def random_scene(rng, walls):
     agents = int(rng.integers(1, 16))
     outlines = random_outlines(rng) if walls else []
     solids = outlines[1:] if outlines and outlines[0].shape == (4, 2) else outlines
-    position = []
+    position: list[np.ndarray] = []
     while len(position) < agents:
         point = rng.uniform(-3.9, 3.9, 2)
         if not any(inside(o, point) for o in solids):
@@ -119,7 +119,8 @@ def rvo2(s, shift=(0.0, 0.0)):
         agent = simulator.add_agent(tuple(map(float, p)))
         simulator.set_agent_velocity(agent, tuple(map(float, v)))
         simulator.set_agent_pref_velocity(agent, tuple(map(float, w)))
-    cut, row = [], {}
+    cut: list[np.ndarray] = []
+    row: dict[int, int] = {}
     for start in range(simulator.get_num_obstacle_vertices()):
         corners, k = [], start
         while k not in row:

@@ -32,7 +32,8 @@ class Books:
         self.checkpoint()
 
     def _begin(self) -> None:
-        self.roster, self.queue = Roster(), []
+        self.roster = Roster()
+        self.queue: list[ChunkId] = []
         self.accounts = Accounts(Ledger(self.path, limit=self.limit))
 
     def accept(self, chunk: ChunkId, samples: int = 10) -> bool:

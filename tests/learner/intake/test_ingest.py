@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from typing import Any
 
 import pytest
 
@@ -23,7 +24,7 @@ def make_ingest(**changes) -> Ingest:
 
 
 def header(actor: str = "a", sequence: int = 1, run_id: str = "run-1", **changes) -> ChunkHeader:
-    fields = {
+    fields: dict[str, Any] = {
         "run_id": run_id,
         "actor_id": actor,
         "incarnation": "x",
@@ -40,7 +41,13 @@ def send(ingest: Ingest, seed: int = 1, version: int = 0, **fields):
 
 
 def hello(**changes) -> Hello:
-    fields = {"actor_id": "a", "incarnation": "x", "host": "h", "pid": 1, "worlds": 2}
+    fields: dict[str, Any] = {
+        "actor_id": "a",
+        "incarnation": "x",
+        "host": "h",
+        "pid": 1,
+        "worlds": 2,
+    }
     return Hello(**(fields | {"program_version": VERSION} | changes))
 
 
@@ -191,7 +198,8 @@ def test_roster_state_survives_a_checkpoint() -> None:
     assert restored.is_known("b", "x", 3)
     assert not restored.is_known("b", "x", 1)
     assert restored.counts() == (0, 2)
-    assert restored.join("b", "y", "h", 1, 2).index == 1
+    again = restored.join("b", "y", "h", 1, 2)
+    assert again is not None and again.index == 1
 
 
 @pytest.mark.parametrize("alive", [True, False])

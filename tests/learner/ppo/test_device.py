@@ -6,7 +6,7 @@ import inspect
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import pytest
 import torch
@@ -198,10 +198,12 @@ def test_streams_start_after_the_upload_and_end_before_the_next(trainer, monkeyp
     ppo._actor.stream, ppo._critic.stream = Stream("policy"), Stream("value")
     steps: list[str] = []
     for trainee in (ppo._actor, ppo._critic):
-        work = trainee._whole_step
-        monkeypatch.setattr(
-            trainee, "_whole_step", lambda *a, w=work: (steps.append(current[-1].name), w(*a))
-        )
+
+        def step(*arguments, work=trainee._whole_step) -> None:
+            steps.append(current[-1].name)
+            work(*arguments)
+
+        monkeypatch.setattr(trainee, "_whole_step", step)
     monkeypatch.setattr(ppo.samples, "load", partial(_logged, ppo.samples.load, "load"))
     monkeypatch.setattr(ppo.samples, "set_goals", partial(_logged, ppo.samples.set_goals, "goals"))
     Stream.log.clear()
@@ -218,7 +220,7 @@ def _logged(call, name: str, *arguments):
 
 
 def test_recording_asks_cuda_for_what_it_knows(monkeypatch) -> None:
-    log = []
+    log: list[str | list[str]] = []
 
     class Graph:
         def replay(self) -> None:
@@ -234,7 +236,8 @@ def test_recording_asks_cuda_for_what_it_knows(monkeypatch) -> None:
 
     monkeypatch.setattr(torch.cuda, "CUDAGraph", Graph)
     monkeypatch.setattr(torch.cuda, "graph", capture)
-    replay = record_cuda_graph(Stream("policy"), lambda: log.append("work"))
+    stream = cast(torch.cuda.Stream, Stream("policy"))
+    replay = record_cuda_graph(stream, lambda: log.append("work"))
     replay()
     assert log == [["capture_error_mode", "stream"], "work", "replay"]
 

@@ -37,4 +37,4 @@ def test_contents_are_those_of_the_chunks() -> None:
     for name in ("action", "log_prob", "version"):
         joined = np.concatenate([getattr(t, name).reshape(-1) for t in chunks])
         np.testing.assert_array_equal(getattr(batch, name), joined)
-    assert (batch.action.dtype, batch.version.dtype) == (np.int64, np.int64)
+    assert (batch.action.dtype, batch.version.dtype) == (np.dtype(np.int64),) * 2

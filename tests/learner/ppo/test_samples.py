@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from tests.learner.helpers_learner import random_trajectory, small_config
 
 class Maker:
     def __init__(self) -> None:
-        self.calls: list[object] = []
+        self.calls: list[Any] = []
 
     def __call__(self, key, rows):
         self.calls.append(key)

@@ -43,14 +43,15 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
 
 
 def test_lines_wait_while_the_disk_is_full_and_none_is_cut(tmp_path: Path, disk: Disk) -> None:
-    said = []
+    said: list[OSError | None] = []
     file = LineFile(tmp_path / "a", said.append)
     file.add("one")
     disk.room = 3
     for line in ("two two two", "three", "four"):
         file.add(line)
         assert (tmp_path / "a").read_text() == "one\n", "half a line was taken back"
-    assert len(said) == 1 and said[0].errno == 28
+    (error,) = said
+    assert error is not None and error.errno == 28
     disk.room = None
     file.add("five")
     assert (tmp_path / "a").read_text() == "one\ntwo two two\nthree\nfour\nfive\n"
@@ -83,8 +84,13 @@ def test_a_refusing_disk_is_not_tried_for_every_line(
     tmp_path: Path, disk: Disk, monkeypatch
 ) -> None:
     monkeypatch.setattr("learner.run.lines._RETRY", 60.0)
-    tries = []
-    monkeypatch.setattr("learner.run.lines.os.write", lambda *_: tries.append(1) or 0)
+    tries: list[bytes] = []
+
+    def refuse(_: int, data: bytes) -> int:
+        tries.append(data)
+        return 0
+
+    monkeypatch.setattr("learner.run.lines.os.write", refuse)
     file = LineFile(tmp_path / "a")
     for _ in range(100):
         file.add("x")

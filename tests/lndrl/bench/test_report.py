@@ -11,6 +11,7 @@ from lndrl.bench import report, transport
 from lndrl.bench.amcl import measure as measure_amcl
 from lndrl.bench.world import measure as measure_world
 from lndrl.errors import UserError
+from lndrl.transport import ChunkHeader
 
 
 def test_every_benchmark_has_its_module() -> None:
@@ -43,8 +44,13 @@ def test_median_is_of_one_call() -> None:
 
 
 def test_a_slow_call_is_still_repeated() -> None:
-    calls = []
-    report.median_seconds(lambda: calls.append(time.sleep(0.001)), 1e-6, repetitions=3)
+    calls: list[int] = []
+
+    def call() -> None:
+        calls.append(1)
+        time.sleep(0.001)
+
+    report.median_seconds(call, 1e-6, repetitions=3)
     assert len(calls) == 5
 
 
@@ -110,7 +116,7 @@ def test_cpu_of_the_transport_is_that_of_the_timed_chunks(monkeypatch: pytest.Mo
     receiver = transport._Receiver({}, 1.0)
     receiver.pids = [1, 2]
     for _ in range(transport._WARM_UP_CHUNKS + 14):
-        receiver.on_chunk(None, {}, 1_000_000)
+        receiver.on_chunk(ChunkHeader("run", "a", "x", 1, 8, 2), {}, 1_000_000)
     assert receiver.full.is_set()
     chunks = receiver.spent[1][1] - receiver.spent[0][1]
     assert chunks in (10, 11), "a second, ten chunks in each"

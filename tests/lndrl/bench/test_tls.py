@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from lndrl.bench import tls
 from lndrl.bench.tls import Paused, Turn, alternate, figures
+from lndrl.bench.training import Training
 from lndrl.chaos.stage import descendants, lives
 
 SMALL = [
@@ -61,7 +62,9 @@ def test_a_turn_does_not_count_the_time_of_standing_still(monkeypatch: pytest.Mo
     monkeypatch.setattr("lndrl.bench.tls.time.time", lambda: clock[0])
     plain = Script(clock, 100, 4.0)
     slow = Script(clock, 100, 5.0)
-    turns = alternate([Paused("plain", plain), Paused("tls", slow)], 30.0)
+    scripts = {"plain": plain, "tls": slow}
+    runs = [Paused(name, cast(Training, script)) for name, script in scripts.items()]
+    turns = alternate(runs, 30.0)
     assert [turn.run for turn in turns] == ["plain", "tls", "plain", "tls", "plain", "tls", "plain"]
     assert {turn.rate for turn in turns if turn.run == "plain"} == {25.0}
     assert {turn.rate for turn in turns if turn.run == "tls"} == {20.0}

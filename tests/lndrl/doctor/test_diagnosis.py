@@ -18,12 +18,13 @@ from lndrl.doctor.permissions import OPERATIONS
 from lndrl.doctor.probes import Address, Check, check_name, check_port, parse_address
 from lndrl.errors import UserError
 from lndrl.transport import (
-    certificates,
     free_endpoint,
     open_learner,
 )
 from lndrl.transport.keys import PING, STATUS
+from lndrl.transport.security import certificates
 from lndrl.transport.security.access import ROLES
+from lndrl.transport.zenoh.learner import ZenohLearner
 from lndrl.transport.zenoh.session import open_session
 from lndrl.version import VERSION
 from tests.lndrl.doctor.examined import (
@@ -144,6 +145,7 @@ def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
     """The doctor's questions are answered; the learner only hears of an unreadable upload."""
     config = TransportConfig(endpoint=free_endpoint())
     endpoint = open_learner(config)
+    assert isinstance(endpoint, ZenohLearner)
     seen: list[str] = []
 
     class Handlers:

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from lndrl.transport import (
-    certificates,
     free_endpoint,
 )
+from lndrl.transport.security import certificates
 from lndrl.transport.security.certificates import create, renew
 from tests.lndrl.doctor.examined import examine, failed, learner, mutual
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -335,14 +337,15 @@ def test_settings_hear_the_same_drives_and_workers_change_nothing() -> None:
 
 
 def test_impossible_plans_are_refused() -> None:
-    good = {"scenarios": (ROOMS,), "pedestrians": (0,), "settings": {"a": PAPER}, "seeds": 1,
-            "updates": 80}  # fmt: skip
-    for change, sentence in [
+    good: dict[str, Any] = {"scenarios": (ROOMS,), "pedestrians": (0,), "settings": {"a": PAPER},
+            "seeds": 1, "updates": 80}  # fmt: skip
+    changes: list[tuple[dict[str, Any], str]] = [
         ({"seeds": 0}, "0 seeds"),
         ({"updates": 10}, "10 updates"),
         ({"scenarios": (ROOMS, ROOMS)}, "scenario rooms is named twice"),
         ({"settings": {}}, "no setting"),
-    ]:
+    ]
+    for change, sentence in changes:
         with pytest.raises(UserError, match=sentence):
             measure_localization(Plan(**(good | change)))
 

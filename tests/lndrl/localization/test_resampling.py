@@ -178,7 +178,7 @@ def test_hash_table_counts_like_a_set():
     bins = make_bins(LocalizationConfig(min_particles=1, max_particles=3000))
     keys = rng.integers(-(2**40), 2**40, 3000)[rng.integers(0, 1500, 3000)]
     k = 0
-    numbers = {}
+    numbers: dict[int, int] = {}
     for key in keys:
         b, k = insert(key, bins, k)
         assert numbers.setdefault(key, b) == b

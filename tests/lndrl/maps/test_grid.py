@@ -109,4 +109,4 @@ def test_distance_field_of_an_empty_grid_is_the_diagonal():
 def test_grid_is_frozen():
     grid = OccupancyGrid(np.zeros((2, 2), dtype=bool), 0.1)
     with pytest.raises(AttributeError):
-        grid.resolution = 0.2
+        grid.resolution = 0.2  # type: ignore[misc]

@@ -34,10 +34,10 @@ def test_ranges_match_tiny_steps(density):
         got = raycast(grid, field, np.array([x, y, 0.3]), bearings, 5.0)
         slow = [slow_range(occupied, x, y, 0.3 + b, 5.0) for b in bearings]
         errors.extend(np.abs(got - slow))
-    errors = np.array(errors)
+    apart = np.array(errors)
     # Tiny steps may jump over the very corner of a cell; everything else agrees to a step.
-    assert (errors < 0.01 * RESOLUTION).mean() > 0.97
-    assert np.median(errors) <= RESOLUTION / 200
+    assert (apart < 0.01 * RESOLUTION).mean() > 0.97
+    assert np.median(apart) <= RESOLUTION / 200
 
 
 def test_axis_parallel_rays_end_at_the_face_of_the_cell():

@@ -87,6 +87,7 @@ def test_all_kinds_of_pgm_read_the_same(tmp_path, kind, most) -> None:
     write_pgm(tmp_path / "hall.pgm", image, kind, most)
     grid = load_ros_map(tmp_path / "hall.yaml")
     assert (grid.occupied == expected.occupied).all()
+    assert grid.unknown is not None and expected.unknown is not None
     assert (grid.unknown == expected.unknown).all()
 
 

@@ -188,7 +188,7 @@ class Script:
             world.robot.contact[0] = 1 if collide else 0
             navigation.localization.pose_estimated[:] = world.pose_true + np.array(offset)
 
-        navigation._drive = scripted
+        navigation._drive = scripted  # type: ignore[method-assign]
         if at_goal:
             world.goal[:] = world.pose_true[:2] + np.array(offset[:2]) + [0.2, 0.2]
 
@@ -268,7 +268,7 @@ def test_record_measures_the_true_path_and_mean_errors() -> None:
         drive(v, w)
         navigation.localization.pose_estimated[:] += [0.3, 0.4, -0.1]
 
-    navigation._drive = misled
+    navigation._drive = misled  # type: ignore[method-assign]
     for _ in range(4):
         record = navigation.step(0.2, 0.9).record
     assert record is not None

@@ -142,10 +142,7 @@ def test_refuses_wrong_names_and_emptiness() -> None:
             Trajectory.from_arrays(wrong, CONFIG)  # type: ignore[arg-type]
     empty = {
         name: np.zeros(
-            [
-                0 if isinstance(a, str) and a != "beams" else (BEAMS if a == "beams" else a)
-                for a in axes
-            ],
+            [BEAMS if a == "beams" else 0 if isinstance(a, str) else a for a in axes],
             dtype,
         )
         for name, (dtype, axes) in SCHEMA.items()

@@ -26,6 +26,7 @@ def config_of(encoder: str) -> RunConfig:
 def test_it_is_the_plain_convolution(encoder: str) -> None:
     config = config_of(encoder)
     network = build_policy(config)
+    assert network.scan_encoder.conv1.bias is not None
     torch.nn.init.normal_(network.scan_encoder.conv1.bias, std=0.1)
     frames = config.task.scan_frames
     scan = np.random.default_rng(0).integers(0, 65536, frames * 720).astype(np.uint16)
@@ -46,6 +47,7 @@ def test_it_is_the_plain_convolution(encoder: str) -> None:
 def test_a_bump_in_the_scan_answers_at_its_beam(encoder: str) -> None:
     config = config_of(encoder)
     network = build_policy(config)
+    assert network.scan_encoder.conv1.bias is not None
     with torch.no_grad():
         network.scan_encoder.conv1.weight.fill_(1.0)
         network.scan_encoder.conv1.bias.fill_(9.0)  # nothing is cut off at zero

@@ -105,6 +105,7 @@ def test_papers_parameter_counts() -> None:
 def test_without_pooling_the_map_keeps_its_size() -> None:
     config = make_config(pooling="none", map_channels=(2, 2, 2), features=8)
     network = build_policy(config)
+    assert network.map_encoder is not None
     assert network.map_encoder.linear.weight.numel() == 8 * 2 * 48 * 48
     observation = random_observation(np.random.default_rng(0), 3, 1.0)
     assert network(prepare(observation, config)).shape == (3, 28)
@@ -174,6 +175,7 @@ def test_sparse_gradients_equal_dense_ones(
 def test_frozen_weights_change_nothing(config: RunConfig) -> None:
     network = with_random_biases(build_policy(config))
     inputs = prepare(adversarial(), config)
+    assert network.map_encoder is not None
     with torch.no_grad():
         before = network(inputs)
         network.map_encoder.freeze()

@@ -25,7 +25,9 @@ def test_outputs_and_gradients_equal_torchs(beams: int, strides: tuple[int, int]
             out = F.relu(F.conv1d(hidden, w2, b2, stride=strides[1])).flatten(1)
         upstream = torch.randn(out.shape, generator=torch.Generator().manual_seed(1))
         out.backward(upstream)
-        results.append([out.detach(), *(p.grad for p in parameters)])
+        gradients = [p.grad for p in parameters if p.grad is not None]
+        assert len(gradients) == 4
+        results.append([out.detach(), *gradients])
     assert len(results[0][0]) == 7 and (results[0][0] > 0).float().mean() > 0.2
     for compiled, reference in zip(*results, strict=True):
         torch.testing.assert_close(compiled, reference, rtol=1e-4, atol=1e-4)

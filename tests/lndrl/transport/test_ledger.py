@@ -53,6 +53,7 @@ def test_a_refusal_from_before_the_latest_hello_does_not_hold_uploads():
     ledger.add(entry(1))
     ledger.add(entry(2))
     early, late = ledger.take(), ledger.take()
+    assert early is not None and late is not None
     unknown = Ack("refused", reason=UNKNOWN_ACTOR, learner_incarnation="new")
     ledger.settle(early, unknown)
     assert ledger.needs_hello()
@@ -68,6 +69,7 @@ def test_a_second_answer_to_the_same_chunk_changes_nothing():
     ledger = greeted(Ledger(2))
     ledger.add(entry(1))
     chunk = ledger.take()
+    assert chunk is not None
     ledger.settle(chunk, Ack("accepted"))
     ledger.settle(chunk, Ack("duplicate"))
     assert [ack.status for ack in ledger.drain_acks()] == ["accepted"]
@@ -86,6 +88,7 @@ def test_a_book_notes_what_was_taken_and_what_became_of_it(tmp_path):
         ledger.keep_book(path)
         ledger.add(Entry(f"a{number}", "one", 1, b"", samples=32))
         chunk = ledger.take()
+        assert chunk is not None
         ledger.settle(chunk, Ack("pause"))
         ledger.settle(chunk, Ack("accepted"))
         ledger.settle(chunk, Ack("duplicate"))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import pytest
 
@@ -54,7 +55,7 @@ def test_exceptions_pass_through() -> None:
 
 
 def test_table_in_a_pipe_is_whole_and_plain() -> None:
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"planner": "lndrl [v1]", "arrived": "0.52 ± 0.03", "episodes": 1200, "time": 22.913},
         {"planner": "straight", "arrived": None, "note": "x" * 120},
     ]

@@ -103,9 +103,9 @@ def slow_line(relative, own, other, combined, horizon, period):
     unit = np.column_stack([np.cos(arc), np.sin(arc)])
     points.append(relative / horizon + combined / horizon * unit)
     normals.append(unit)
-    points, normals = np.vstack(points), np.vstack(normals)
-    nearest = np.argmin(((points - slip) ** 2).sum(axis=1))
-    return own + 0.5 * (points[nearest] - slip), normals[nearest]
+    edge, outward = np.vstack(points), np.vstack(normals)
+    nearest = np.argmin(((edge - slip) ** 2).sum(axis=1))
+    return own + 0.5 * (edge[nearest] - slip), outward[nearest]
 
 
 def test_half_plane_matches_the_velocity_obstacle_drawn_point_by_point():
@@ -151,7 +151,7 @@ def run(position, goal, steps, radius=0.3, distance=5.0, tick=0.1):
             )
         velocity = new
         position = position + tick * velocity
-        gaps = [np.linalg.norm(a - b) for a, b in itertools.combinations(position, 2)]
+        gaps = [float(np.linalg.norm(a - b)) for a, b in itertools.combinations(position, 2)]
         closest = min(closest, *gaps)
     return position, closest
 

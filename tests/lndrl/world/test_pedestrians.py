@@ -59,7 +59,7 @@ def test_a_lone_pedestrian_walks_its_waypoints_and_stays(model):
 
 def test_a_shuttle_turns_around_at_both_ends():
     crowd = crowd_of([[(1.0, 1.0), (2.5, 1.0), (2.5, 2.5)]], [ORCA], shuttle=True)
-    visits = []
+    visits: list[str] = []
     for _ in range(300):
         advance(crowd, 1)
         for name, end in (("start", (1.0, 1.0)), ("goal", (2.5, 2.5))):

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,7 @@ from lndrl.randomness import stream_state
 from lndrl.scenario import Scenario
 from lndrl.world import Place
 
-GOOD = {
+GOOD: dict[str, Any] = {
     "name": "small",
     "size": [10.0, 6.0],
     "obstacles": [{"box": [4.0, 1.0, 5.0, 4.0]}, {"circle": [8.0, 4.5, 0.4]}],

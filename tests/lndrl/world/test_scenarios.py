@@ -33,7 +33,8 @@ def sparse() -> Place:
 
 
 def lattice(box) -> list[np.ndarray]:
-    return [np.array([x, y]) for x in np.linspace(*box[::2], 4) for y in np.linspace(*box[1::2], 4)]
+    x0, y0, x1, y1 = box
+    return [np.array([x, y]) for x in np.linspace(x0, x1, 4) for y in np.linspace(y0, y1, 4)]
 
 
 def room_between(place, a, b) -> float:

@@ -149,6 +149,6 @@ def test_a_leg_is_a_collision_with_a_pedestrian(place):
     world.begin_step(0.0, 0.0)
     world.pose_true[:2] = world.leg_position[0] + [0.1, 0.0]
     assert world.tick()
-    assert world.collided_with == "pedestrian"
+    hit = world.collided_with
     world.reset(1, 0, 1)
-    assert world.collided_with == ""
+    assert (hit, world.collided_with) == ("pedestrian", "")

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from actors.balance import Balance
+from actors.fleet import Fleet
+from learner.learner import Learner
 from lndrl.cli.training.local import _keep_balance, reachable
 
 
-class Fleet:
+class Counted:
+    """A fleet that only counts its actors."""
+
     def __init__(self, actors: int) -> None:
         self.actors = actors
 
@@ -35,7 +39,7 @@ def turn(monkeypatch: pytest.MonkeyPatch):
     """Runs the loop's step for ten minutes; returns fleet, events and actors retired."""
 
     def run(actors: int, waits: float, idle: float, updates: bool = True) -> Any:
-        fleet, balance = Fleet(actors), Balance(most=3)
+        fleet, balance = Counted(actors), Balance(most=3)
         events: list[tuple[str, str]] = []
         retired: list[str] = []
         learner = SimpleNamespace(
@@ -48,7 +52,7 @@ def turn(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr("lndrl.cli.training.local.time.monotonic", lambda: now)
         for _ in range(2400):
             now += 0.25
-            _keep_balance(balance, fleet, learner)
+            _keep_balance(balance, cast(Fleet, fleet), cast(Learner, learner))
         return len(fleet), events, retired
 
     return run

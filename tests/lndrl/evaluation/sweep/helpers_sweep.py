@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from lndrl.evaluation.sweep import PlannedRun, Sweep, SweepFolder, load_sweep
+from lndrl.evaluation.sweep import Sweep, SweepFolder, load_sweep
+from lndrl.evaluation.sweep.folder import Run
 
 ROOM = {
     "name": "room",
@@ -87,7 +88,7 @@ def rows_of(
 
 
 def write_run(
-    folder: SweepFolder, run: PlannedRun, rows: list[dict[str, Any]], state: str = "finished"
+    folder: SweepFolder, run: Run, rows: list[dict[str, Any]], state: str = "finished"
 ) -> None:
     """What ``lndrl train`` leaves of a run that is ``state``."""
     place = folder.run_path(run)

@@ -92,7 +92,7 @@ def test_differences_are_paired_by_seed(tmp_path: Path) -> None:
     assert base.differences == {}
     assert one.estimates["arrived"].deviation == pytest.approx(0.390, abs=1e-3)
     difference = one.differences["arrived"]
-    assert (difference.count, difference.mean) == (3, pytest.approx(0.1))
+    assert difference.count == 3 and difference.mean == pytest.approx(0.1)
     assert difference.to_dict()["standard_error"] == pytest.approx(0.01 / 3**0.5)
     assert difference.clear
     assert eight.differences["arrived"].count == 1

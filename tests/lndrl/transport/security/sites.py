@@ -194,7 +194,7 @@ class Watcher:
     def appear(self, raw: zenoh.Session, key: str, name: str) -> bool:
         def look() -> bool:
             answers = self.session.liveliness().get("**")
-            return bool({key, name} & {str(answer.ok.key_expr) for answer in answers})
+            return bool({key, name} & {str(answer.ok.key_expr) for answer in answers if answer.ok})
 
         tokens = [raw.liveliness().declare_token(token) for token in {key, name}]
         found = self._seen(look)

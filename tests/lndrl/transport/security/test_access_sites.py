@@ -80,8 +80,9 @@ def works(site: Site, learner: Any) -> None:
     learner.publish_status({"run_id": "run-1", "step": 6}, [])
     assert next(news for news in stream if news is not None)["step"] == 6
     for role in ROLES:
-        answer = json.loads(site.session(role).query(PING, timeout=20).payload.to_bytes())
-        assert answer == {
+        answer = site.session(role).query(PING, timeout=20)
+        assert answer is not None
+        assert json.loads(answer.payload.to_bytes()) == {
             "program_version": VERSION,
             "protocol": PROTOCOL_VERSION,
             "run_id": "run-1",

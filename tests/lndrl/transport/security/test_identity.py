@@ -27,6 +27,7 @@ from lndrl.transport.security.identity import (
 )
 from lndrl.transport.zenoh import deployment
 from lndrl.transport.zenoh.config import build, merged, read_overlay
+from lndrl.transport.zenoh.learner import ZenohLearner
 from tests.lndrl.transport.security.authority import make_certificates
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -321,6 +322,7 @@ def test_secrets_show_nowhere(tmp_path, caplog) -> None:
 
         with pytest.raises(UserError) as caught:
             wrong.hello(Hello("a", "b", "here", 1, 1, "0"), 1.0)
+        assert isinstance(learner, ZenohLearner)
         shown += [str(caught.value), caplog.text, learner._desk.answer_ping().decode()]
     finally:
         wrong.close()

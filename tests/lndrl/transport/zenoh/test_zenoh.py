@@ -141,10 +141,11 @@ except KeyboardInterrupt:
 """
 
 
-def run_child(endpoint: str, how: str) -> subprocess.Popen:
+def run_child(endpoint: str, how: str) -> subprocess.Popen[bytes]:
     child = subprocess.Popen(
         [sys.executable, "-c", CHILD, endpoint, how], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     )
+    assert child.stdout is not None and child.stderr is not None
     assert child.stdout.readline().strip() == b"ready", child.stderr.read()
     return child
 
@@ -167,14 +168,15 @@ def test_leaving_without_close_neither_hangs_nor_aborts(opened):
     learner = opened(open_learner(config))
     learner.start(CountingHandlers())
     child = run_child(config.endpoint, "leave")
+    assert child.stderr is not None
     assert child.wait(10) == 0, child.stderr.read()
     code = (
         "import sys\nfrom lndrl.config import TransportConfig\n"
         "from lndrl.transport import open_learner\n"
         "open_learner(TransportConfig(endpoint=sys.argv[1])).start(None)\nsys.exit(5)\n"
     )
-    child = subprocess.run([sys.executable, "-c", code, free_endpoint()], timeout=20)
-    assert child.returncode == 5
+    listening = subprocess.run([sys.executable, "-c", code, free_endpoint()], timeout=20)
+    assert listening.returncode == 5
 
 
 def test_a_busy_port_is_a_sentence_and_a_closed_one_is_free_again():

@@ -129,7 +129,7 @@ def test_live_view_draws_and_q_quits(answer: Answer, monkeypatch: pytest.MonkeyP
     with os.fdopen(theirs, "r") as terminal:
         before = termios.tcgetattr(terminal)
         monkeypatch.setattr("sys.stdin", terminal)
-        seen = []
+        seen: list[int | None] = []
 
         def press(_: Any = None) -> News:
             if len(seen) == 1:

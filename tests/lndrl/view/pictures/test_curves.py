@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -56,7 +57,8 @@ def test_smoothing_keeps_means_and_ignores_gaps() -> None:
 
 
 def test_column_takes_only_numbers() -> None:
-    rows = [{"a": {"b": 1}}, {"a": 3}, {"a": {"b": True}}, {"a": {"b": "x"}}, {}]
+    values = [{"b": 1}, 3, {"b": True}, {"b": "x"}]
+    rows: list[dict[str, Any]] = [*({"a": value} for value in values), {}]
     assert column(rows, "a.b")[0] == 1.0
     assert np.isnan(column(rows, "a.b")[1:]).all()
 

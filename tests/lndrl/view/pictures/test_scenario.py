@@ -25,7 +25,8 @@ def test_every_region_is_drawn_and_metres_are_the_maps(office) -> None:
         zip(axes.get_xticks(), [t.get_text() for t in axes.get_xticklabels()], strict=True)
     )
     assert marks[4.0] == "0"  # the map's x = 0 is 4 m from the grid's corner
-    assert axes.get_xlim() == (0.0, pytest.approx(30.0))
+    left, right = axes.get_xlim()
+    assert left == 0.0 and right == pytest.approx(30.0)
 
 
 def test_the_sample_looks_towards_its_goal(office) -> None:

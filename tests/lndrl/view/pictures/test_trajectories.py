@@ -31,7 +31,7 @@ def drive(world: Callable[..., Any]) -> Make:
         method: str = "dwa", scenario: str = "hall", episode: int = 0, outcome: str = "arrived"
     ) -> Drive:
         end = world(steps=10, outcome=outcome)
-        time = 0.4 * np.arange(11)
+        time = 0.4 * np.arange(11, dtype=np.float64)
         true = np.column_stack([end.path, np.full(11, 0.4)])
         values = (10, 4.0, 2.0, 0.1, 0.02, 0.3, -1.0, dict.fromkeys(REWARD_PARTS, 0.0))
         return Drive(
@@ -74,7 +74,7 @@ def test_drives_of_an_episode_share_map_and_charts(drive: Make) -> None:
         assert [to_hex(line.get_color()).upper() for line in (mine, theirs)] == [*METHODS[:2]]
         assert np.all(np.asarray(lost.get_ydata()) == limit)
         assert axes.get_ylim()[1] > limit
-    paths = [line.get_xydata() for line in floor.get_lines()]
+    paths = [np.asarray(line.get_xydata()) for line in floor.get_lines()]
     for each in (first, second):
         for pose in (each.pose_true, each.pose_estimated):
             assert any(p.shape == (11, 2) and np.array_equal(p, pose[:, :2]) for p in paths)
@@ -120,7 +120,7 @@ def test_activations_stand_over_the_angle_of_their_beams(world: Callable[..., An
     scans = np.full((3, 90), 4.0, np.float32)
     values = np.zeros((32, 29), np.float32)
     values[:, 20] = 1.0
-    made = Activations(world(), scans, values, 3.0 * np.arange(29) + 2.0)
+    made = Activations(world(), scans, values, 3.0 * np.arange(29, dtype=np.float64) + 2.0)
     assert made.angles(np.array([0.0, 45.0])).tolist() == [-90.0, 0.0]
     figure = activations_figure(made, "a title")
     scene, _, scan, line, image, _ = figure.axes
