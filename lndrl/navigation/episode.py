@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from lndrl.navigation.reward import REWARD_PARTS
-from lndrl.navigation.track import Track
+from lndrl.navigation.track import Floats, Track
 
 Outcome = Literal["arrived", "collided", "lost", "timeout"]
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
@@ -40,8 +42,11 @@ class EpisodeRecord:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> EpisodeRecord:
-        """Read ``to_dict``'s output; raises ValueError that names the first wrong field."""
+    def from_dict(cls, data: Mapping[str, Any], terms: Sequence[str] = ()) -> EpisodeRecord:
+        """Read ``to_dict``'s output; raises ValueError that names the first wrong field.
+
+        ``terms`` are the names of the run's own reward terms.
+        """
         if not isinstance(data, Mapping) or set(data) != set(cls.__dataclass_fields__):
             raise ValueError(f"an episode record needs the keys {list(cls.__dataclass_fields__)}")
         for name in ("world", "episode", "steps"):
@@ -54,25 +59,35 @@ class EpisodeRecord:
                 raise ValueError(f"episode record: {name} must be a finite number from 0")
         if not _is_finite(data["episode_return"]):
             raise ValueError("episode record: episode_return must be a finite number")
-        parts = data["reward_parts"]
-        if not isinstance(parts, Mapping) or set(parts) != set(REWARD_PARTS):
-            raise ValueError(f"episode record: reward_parts needs the keys {list(REWARD_PARTS)}")
+        parts, names = data["reward_parts"], [*REWARD_PARTS, *terms]
+        if not isinstance(parts, Mapping) or set(parts) != set(names):
+            raise ValueError(f"episode record: reward_parts needs the keys {names}")
         if not all(_is_finite(value) for value in parts.values()):
             raise ValueError("episode record: reward_parts must be finite numbers")
         return cls(**{**data, "reward_parts": dict(parts)})
 
 
 class EpisodeTally:
-    """Sums of one episode, read from its ``Track``."""
+    """Sums of one episode, read from its ``Track`` and what own ``terms`` have paid in it (K,)."""
 
-    def __init__(self, track: Track) -> None:
+    def __init__(
+        self, track: Track, terms: Sequence[str] = (), term_sums: Floats | None = None
+    ) -> None:
         self._track = track
+        self._names = (*REWARD_PARTS, *terms)
+        self._term_sums = term_sums
         self.sums = track.sums
+
+    @property
+    def part_sums(self) -> Floats:
+        """What each part of the reward has paid so far (6 + K,)."""
+        parts = self.sums[:6]
+        return parts if self._term_sums is None else np.concatenate((parts, self._term_sums))
 
     @property
     def episode_return(self) -> float:
         """Undiscounted sum of rewards so far."""
-        return float(self.sums[:6].sum())
+        return float(self.part_sums.sum())
 
     def record(self, world: int, episode: int, outcome: Outcome, time: float) -> EpisodeRecord:
         """The record of the episode so far; needs at least one step."""
@@ -89,7 +104,7 @@ class EpisodeTally:
             angle_error=angle_error,
             variance_sum=variance_sum,
             episode_return=self.episode_return,
-            reward_parts=dict(zip(REWARD_PARTS, self.sums[:6].tolist(), strict=True)),
+            reward_parts=dict(zip(self._names, self.part_sums.tolist(), strict=True)),
         )
 
 

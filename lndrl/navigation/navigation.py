@@ -19,6 +19,7 @@ from lndrl.localization.belief import belief_of
 from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
 from lndrl.navigation.observation import Observation, dequantise
+from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import Stream, episode_states
@@ -47,7 +48,7 @@ def layout_of(config: RunConfig, world_id: int, episode: int) -> int:
 
 @dataclass(slots=True)
 class Transition:
-    """Result of one control step; ``parts`` (6,) are the reward's summands."""
+    """Result of one control step; ``parts`` are the reward's summands, see ``part_names``."""
 
     reward: float
     parts: NDArray[np.float64]
@@ -62,7 +63,8 @@ class Navigation:
     ``observation`` has the leading shape () and is rewritten in place by ``reset`` and ``step``;
     give a row of a larger Observation to have it filled there. Everything random derives from
     (seed, world_id, episode). ``batch`` is the memory to live in, as its world ``index``; by
-    default an own one.
+    default an own one. ``part_names`` names the reward's summands: the compiled ones, then own
+    terms.
     """
 
     def __init__(
@@ -109,7 +111,14 @@ class Navigation:
             )
         self.track = track_of(batch.tracks, index)
         self.scan = self.track.scan
-        self._tally = EpisodeTally(self.track)
+        terms = batch.terms
+        self._terms_paid = None if terms is None else terms.paid[index]
+        self.part_names = (*REWARD_PARTS, *(() if terms is None else terms.names))
+        self._tally = (
+            EpisodeTally(self.track)
+            if terms is None
+            else EpisodeTally(self.track, terms.names, terms.sums[index])
+        )
         self._command = np.zeros((1, 2))
 
     def _move_to(self, layout: int) -> None:
@@ -166,11 +175,16 @@ class Navigation:
         timeout = outcome == "timeout"
         return Transition(
             reward=float(self.track.reward[0]),
-            parts=self.track.parts.copy(),
+            parts=self._parts(),
             terminated=bool(outcome) and not timeout,
             truncated=timeout,
             record=self.record() if outcome else None,
         )
+
+    def _parts(self) -> NDArray[np.float64]:
+        if self._terms_paid is None:
+            return self.track.parts.copy()
+        return np.concatenate((self.track.parts, self._terms_paid))
 
     def record(self) -> EpisodeRecord:
         """Of the episode that has just ended."""

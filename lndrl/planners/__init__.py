@@ -1,7 +1,13 @@
 """Anything that turns an observation into a velocity: the learned policy, two floors, DWA."""
 
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
-from lndrl.planners.factory import PlannerSource, make_planner, planner_source
+from lndrl.planners.factory import (
+    PlannerSource,
+    is_rule,
+    make_planner,
+    planner_names,
+    planner_source,
+)
 from lndrl.planners.interface import Planner, episode_generator
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
@@ -13,6 +19,8 @@ __all__ = [
     "RandomPlanner",
     "StraightPlanner",
     "episode_generator",
+    "is_rule",
     "make_planner",
+    "planner_names",
     "planner_source",
 ]

@@ -12,8 +12,9 @@ import numpy as np
 from lndrl.errors import UserError
 from lndrl.maps.grid import distance_field, grid_from_scenario
 from lndrl.randomness import State, stream_state, uniform
-from lndrl.scenario import Box, Obstacle, Point, RandomLayouts, Scenario
+from lndrl.scenario import BLOCKS, Box, Obstacle, Point, RandomLayouts, Scenario
 from lndrl.world.furnish import TASK_DISTANCE, find_people, find_tasks
+from lndrl.world.own_layouts import OwnLayouts
 
 _ATTEMPTS = 20
 _STREAM = 77  # keeps these draws apart from those of worlds
@@ -38,22 +39,27 @@ def generate(scenario: Scenario, index: int, robot_radius: float = 0.17) -> Scen
 
     Its floor is one connected part, its tasks lie at ``start_goal_distance`` (default 11 to
     13 m), its people have routes around the walls. Raises UserError when no layout of that size
-    can hold them.
+    can hold them, and for a generator of one's own that is not trusted, or fails.
     """
     settings = _settings(scenario)
     index %= settings.layouts
+    own = None if settings.generator == BLOCKS else OwnLayouts(scenario, settings)
     diagonal = float(np.hypot(*scenario.size))
     nearest = (scenario.start_goal_distance or TASK_DISTANCE)[0]
-    if nearest > diagonal:
+    if own is None and nearest > diagonal:
         raise UserError(
             f"scenario {scenario.name}: no layout of {diagonal:.1f} m from corner to corner has "
             f"start and goal {nearest:g} m apart; enlarge size or change start_goal_distance"
         )
     reason = ""
     for attempt in range(_ATTEMPTS):
-        state = stream_state(settings.seed, index, attempt, _STREAM)
+        if own is not None:
+            layout = own(index, attempt)
+        else:
+            state = stream_state(settings.seed, index, attempt, _STREAM)
+            layout = _draw(scenario, index, state)
         try:
-            return _furnish(_draw(scenario, index, state), robot_radius)
+            return _furnish(layout, robot_radius)
         except UserError as error:
             reason = str(error)
     raise UserError(
@@ -69,14 +75,14 @@ def _settings(scenario: Scenario) -> RandomLayouts:
 def _furnish(layout: Scenario, robot_radius: float) -> Scenario:
     grid = grid_from_scenario(layout)
     distance = distance_field(grid.occupied, grid.resolution)
-    wanted = layout.start_goal_distance or TASK_DISTANCE
-    tasks, limits, _ = find_tasks(distance, grid.resolution, robot_radius, wanted, layout.name)
+    if not layout.robot:
+        wanted = layout.start_goal_distance or TASK_DISTANCE
+        tasks, limits, _ = find_tasks(distance, grid.resolution, robot_radius, wanted, layout.name)
+        layout = layout.model_copy(update={"robot": tasks, "start_goal_distance": limits})
     people, note = find_people(layout.pedestrians, distance, grid.resolution)
     if note:
         raise UserError(note)
-    return layout.model_copy(
-        update={"robot": tasks, "pedestrians": people, "start_goal_distance": limits}
-    )
+    return layout.model_copy(update={"pedestrians": people})
 
 
 def _draw(scenario: Scenario, index: int, state: State) -> Scenario:
