@@ -3,6 +3,7 @@
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import (
     PlannerSource,
+    is_own_planner,
     is_rule,
     make_planner,
     planner_names,
@@ -19,6 +20,7 @@ __all__ = [
     "RandomPlanner",
     "StraightPlanner",
     "episode_generator",
+    "is_own_planner",
     "is_rule",
     "make_planner",
     "planner_names",

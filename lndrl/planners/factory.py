@@ -78,16 +78,14 @@ def planner_source(spec: str, settings: PartSettings | None = None) -> PlannerSo
     be read, or there are settings for what takes none.
     """
     path = Path(spec)
-    named = spec in installed(PLANNER)
-    if spec in RULES:
-        find(PLANNER, spec, RULES)  # says so where a package installs another of that name
-    elif is_own(spec) or (named and not path.exists()):
+    if is_own_planner(spec):
         return PlannerSource(spec, own=True, settings=settings or {})
     if settings:
         raise UserError(f"{spec}: takes no settings; a planner of your own does (module:Class)")
     if spec in RULES:
+        find(PLANNER, spec, RULES)  # says so where a package installs another of that name
         return PlannerSource(spec)
-    if named:
+    if spec in installed(PLANNER):
         raise UserError(
             f"{spec}: is a path here and an installed planner; write ./{spec} or module:Class"
         )
@@ -107,9 +105,16 @@ def planner_names() -> tuple[str, ...]:
     return (*RULES, *(name for name in installed(PLANNER) if name not in RULES))
 
 
+def is_own_planner(planner: str) -> bool:
+    """Whether ``planner`` names a class of a user's own."""
+    if planner in RULES:
+        return False
+    return is_own(planner) or (planner in installed(PLANNER) and not Path(planner).exists())
+
+
 def is_rule(planner: str) -> bool:
     """Whether ``planner`` drives without weights."""
-    return is_own(planner) or (planner in planner_names() and not Path(planner).exists())
+    return planner in RULES or is_own_planner(planner)
 
 
 def make_planner(spec: str, config: RunConfig | None = None, greedy: bool = False) -> Planner:

@@ -177,8 +177,8 @@ class _Camera:
 def contender_named(spec: BenchmarkSpec, name: str, greedy: bool = False) -> Contender:
     """A method of the bench, a rule, what is in a run folder or weights file, or module:Class.
 
-    Weights are called like their folder, a class of one's own like the class. Raises UserError for an unknown name, with near ones, and
-    where there are no weights.
+    Weights are called like their folder, a class of one's own like the class. Raises UserError for
+    an unknown name, with near ones, and where there are no weights.
     """
     if name not in spec.methods and (is_rule(name) or Path(name).exists()):
         source = planner_source(name)
