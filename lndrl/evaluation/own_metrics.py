@@ -1,4 +1,4 @@
-"""Metrics of a user's own beside the nine: a number per planner, from the records of its episodes."""
+"""Metrics of a user's own beside the nine: a number per planner, from its episodes' records."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def own_metrics(names: Sequence[str]) -> list[OwnMetric]:
     Raises UserError where one is not trusted, not there, or not what it should be, and where two
     would have one column.
     """
-    found = []
+    found: list[OwnMetric] = []
     for name in dict.fromkeys(names):
         kind = find(METRIC, name, where="--metric")
         assert kind is not None  # the nine are not named
