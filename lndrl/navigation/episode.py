@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
-import numpy as np
-
 from lndrl.navigation.reward import REWARD_PARTS
-from lndrl.navigation.track import Floats, Track
+from lndrl.navigation.track import Track
 
 Outcome = Literal["arrived", "collided", "lost", "timeout"]
 OUTCOMES: tuple[str, ...] = get_args(Outcome)
@@ -68,29 +66,30 @@ class EpisodeRecord:
 
 
 class EpisodeTally:
-    """Sums of one episode, read from its ``Track`` and what own ``terms`` have paid in it (K,)."""
+    """Sums of one episode, read from its ``Track``."""
 
-    def __init__(
-        self, track: Track, terms: Sequence[str] = (), term_sums: Floats | None = None
-    ) -> None:
+    def __init__(self, track: Track) -> None:
         self._track = track
-        self._names = (*REWARD_PARTS, *terms)
-        self._term_sums = term_sums
         self.sums = track.sums
 
     @property
-    def part_sums(self) -> Floats:
-        """What each part of the reward has paid so far (6 + K,)."""
-        parts = self.sums[:6]
-        return parts if self._term_sums is None else np.concatenate((parts, self._term_sums))
-
-    @property
     def episode_return(self) -> float:
-        """Undiscounted sum of rewards so far."""
-        return float(self.part_sums.sum())
+        """Undiscounted sum of what the compiled parts of the reward have paid so far."""
+        return float(self.sums[:6].sum())
 
-    def record(self, world: int, episode: int, outcome: Outcome, time: float) -> EpisodeRecord:
-        """The record of the episode so far; needs at least one step."""
+    def record(
+        self,
+        world: int,
+        episode: int,
+        outcome: Outcome,
+        time: float,
+        own: Mapping[str, float] | None = None,
+    ) -> EpisodeRecord:
+        """The record of the episode so far; needs at least one step.
+
+        ``own`` are the sums of what reward terms of the user's own have paid in it, by name.
+        """
+        own = own or {}
         steps = int(self._track.steps[0])
         position_error, angle_error, variance_sum = (self.sums[6:] / steps).tolist()
         return EpisodeRecord(
@@ -103,8 +102,8 @@ class EpisodeTally:
             position_error=position_error,
             angle_error=angle_error,
             variance_sum=variance_sum,
-            episode_return=self.episode_return,
-            reward_parts=dict(zip(self._names, self.part_sums.tolist(), strict=True)),
+            episode_return=self.episode_return + sum(own.values()),
+            reward_parts={**dict(zip(REWARD_PARTS, self.sums[:6].tolist(), strict=True)), **own},
         )
 
 

@@ -63,8 +63,7 @@ class Navigation:
     ``observation`` has the leading shape () and is rewritten in place by ``reset`` and ``step``;
     give a row of a larger Observation to have it filled there. Everything random derives from
     (seed, world_id, episode). ``batch`` is the memory to live in, as its world ``index``; by
-    default an own one. ``part_names`` names the reward's summands: the compiled ones, then own
-    terms.
+    default an own one.
     """
 
     def __init__(
@@ -111,14 +110,7 @@ class Navigation:
             )
         self.track = track_of(batch.tracks, index)
         self.scan = self.track.scan
-        terms = batch.terms
-        self._terms_paid = None if terms is None else terms.paid[index]
-        self.part_names = (*REWARD_PARTS, *(() if terms is None else terms.names))
-        self._tally = (
-            EpisodeTally(self.track)
-            if terms is None
-            else EpisodeTally(self.track, terms.names, terms.sums[index])
-        )
+        self._tally = EpisodeTally(self.track)
         self._command = np.zeros((1, 2))
 
     def _move_to(self, layout: int) -> None:
@@ -181,15 +173,30 @@ class Navigation:
             record=self.record() if outcome else None,
         )
 
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the reward's summands: the compiled ones, then terms of the user's own."""
+        return (*REWARD_PARTS, *(self.batch.terms.names if self.batch.terms else ()))
+
     def _parts(self) -> NDArray[np.float64]:
-        if self._terms_paid is None:
+        terms = self.batch.terms
+        if terms is None:
             return self.track.parts.copy()
-        return np.concatenate((self.track.parts, self._terms_paid))
+        return np.concatenate((self.track.parts, terms.paid[self.index]))
+
+    def _own_sums(self) -> dict[str, float]:
+        """What reward terms of the user's own have paid in the episode, by name."""
+        terms = self.batch.terms
+        if terms is None:
+            return {}
+        return dict(zip(terms.names, terms.sums[self.index].tolist(), strict=True))
 
     def record(self) -> EpisodeRecord:
         """Of the episode that has just ended."""
         outcome = cast(Outcome, self.outcome)
-        return self._tally.record(self.world_id, self.episode, outcome, self.world.time)
+        return self._tally.record(
+            self.world_id, self.episode, outcome, self.world.time, self._own_sums()
+        )
 
     def snapshot(self) -> WorldSnapshot:
         """Everything a drawing needs, copied; needs a started episode."""
@@ -227,5 +234,5 @@ class Navigation:
             robot_radius=config.world.robot_radius,
             path=self.track.path[:seen].copy(),
             path_estimated=self.track.path_estimated[:seen].copy(),
-            episode_return=self._tally.episode_return,
+            episode_return=self._tally.episode_return + sum(self._own_sums().values()),
         )
