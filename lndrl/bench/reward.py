@@ -28,7 +28,7 @@ class PersonalSpace:
         to_robot = steps.pedestrian_position - steps.pose_true[:, None, :2]
         there = np.arange(to_robot.shape[1]) < steps.pedestrian_count[:, None]
         near = np.hypot(to_robot[..., 0], to_robot[..., 1]) < self.distance
-        return -np.sum(near & there, axis=1, dtype=np.float64)
+        return -(near & there).sum(axis=1).astype(np.float64)
 
 
 def measure(seconds: float) -> dict[str, Any]:
