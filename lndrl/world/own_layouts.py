@@ -47,16 +47,18 @@ class OwnLayouts:
 
         Tasks and routes that it leaves out are left out.
         """
-        data = layout.model_dump()
+        data = layout.model_dump(warnings=False)  # validate() says what is wrong
         if layout.map is not None or layout.cells is not None:
             raise UserError(
                 f"scenario generator {self._settings.generator}: layout {index} is a map; "
                 "draw obstacles instead"
             )
-        routes, tasks = data["pedestrians"]["routes"], data["robot"]
+        tasks, crowd = data["robot"], data["pedestrians"]
+        routes = crowd.get("routes") if isinstance(crowd, dict) else None
         # Of kind geometry a scenario needs both; where they are to be found, others stand in.
-        data["pedestrians"]["routes"] = routes or [_NOWHERE]
         data["robot"] = tasks or [_NOWHERE]
+        if isinstance(crowd, dict):
+            data["pedestrians"] = {**crowd, "routes": routes or [_NOWHERE]}
         data |= {"kind": "geometry", "random": None, "name": f"{self._scenario.name}-{index}"}
         where = f"scenario generator {self._settings.generator}: layout {index}"
         checked = validate(Scenario, data, where)
