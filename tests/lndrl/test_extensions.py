@@ -165,7 +165,7 @@ def test_what_a_part_raises_is_one_sentence_with_its_line(own_module: Write) -> 
     assert str(caught.value) == (
         f"planner my:Part failed: RuntimeError: two lines ({name}.py, line 2)"
     )
-    with pytest.raises(UserError, match="^as it is$"), calling(PLANNER, "my:Part"):
+    with pytest.raises(UserError, match=r"^as it is$"), calling(PLANNER, "my:Part"):
         raise UserError("as it is")
 
 

@@ -207,7 +207,7 @@ def test_weights_of_another_class_are_told_apart(own_module: Write) -> None:
     own, built_in = made_config(policy=name, policy_settings={"units": 6}), made_config()
     with pytest.raises(UserError, match=rf'trained with network {name} of {{"units": 6}}; this'):
         check_layout("runs/a", own, built_in)
-    with pytest.raises(UserError, match="this configuration has network .*:Net"):
+    with pytest.raises(UserError, match=r"this configuration has network .*:Net"):
         check_layout("runs/a", built_in, made_config(policy=name))
 
 

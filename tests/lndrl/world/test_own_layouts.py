@@ -68,7 +68,8 @@ def test_its_own_tasks_and_routes_stay(own_module: Write) -> None:
                     {'start': (1, 11, 2, 12), 'goal': (11, 1, 12, 2)}]}})"""
     name = own_module(TEXT.format(answer=answer))
     layout = generate(made_scenario(f"{name}:Pillars"), 0)
-    assert layout.robot[0].start == (1, 1, 2, 2) and layout.start_goal_distance is None
+    assert layout.start_goal_distance is None
+    assert list(layout.robot[0].start) == [1, 1, 2, 2]
     assert layout.pedestrians.count == (1, 1) and len(layout.pedestrians.routes) == 1
 
 
@@ -114,9 +115,7 @@ def test_the_learner_names_it_and_worlds_import_it(own_module: Write) -> None:
 )
 def test_keys_that_do_not_go_together(random: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
-        Scenario.model_validate(
-            {"name": "a", "kind": "random", "size": [14, 14], "random": random}
-        )
+        Scenario.model_validate({"name": "a", "kind": "random", "size": [14, 14], "random": random})
 
 
 def test_the_built_in_generator_leaves_hashes_as_they_were() -> None:
