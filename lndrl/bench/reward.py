@@ -36,7 +36,8 @@ def measure(seconds: float) -> dict[str, Any]:
 
     Both on hybrid, where 8 worlds share a place and one call pays for all of them, and on random
     layouts, where each world has a place and a call of its own. Medians over short turns that all
-    take one after the other; ``microseconds_per_step`` is what a term adds to a step of a world.
+    take one after the other, so that what else the machine does meets all alike.
+    ``microseconds_per_step`` is what a term adds to a step of a world, by the fastest turns.
     """
     trust_modules(__name__)
     term = [f"task.reward.terms.space.use={__name__}:PersonalSpace"]
@@ -53,12 +54,13 @@ def measure(seconds: float) -> dict[str, Any]:
             rate = _drive(environment, share)
             if turn > 0:  # the first warms up
                 rates[key].append(rate)
-    median = {key: statistics.median(found) for key, found in rates.items()}
+    best = {key: max(found) for key, found in rates.items()}
     return {
-        "steps_per_second": {f"{place}_{name}": rate for (place, name), rate in median.items()},
+        "steps_per_second": {
+            f"{place}_{name}": statistics.median(found) for (place, name), found in rates.items()
+        },
         "microseconds_per_step": {
-            place: 1e6 / median[place, "one_term"] - 1e6 / median[place, "compiled"]
-            for place in places
+            place: 1e6 / best[place, "one_term"] - 1e6 / best[place, "compiled"] for place in places
         },
     }
 

@@ -79,14 +79,12 @@ class OwnTerms:
         """An episode of ``world`` starts."""
         self.paid[world] = 0.0
         self.sums[world] = 0.0
-        self._command[world] = 0.0
 
     def before(self, batch: NavigationBatch, first: int, worlds: int) -> None:
         """Remember what a step of ``worlds`` worlds from ``first`` on overwrites."""
         rows = slice(first, first + worlds)
         self._variance[rows] = batch.tracks.variance[rows]
-        taken = batch.tracks.steps[rows] > 0
-        self._command[rows] = np.where(taken, batch.world.robots.command[rows], 0.0)
+        self._command[rows] = batch.world.robots.command[rows]
 
     def pay(self, batch: NavigationBatch, first: int, worlds: int) -> None:
         """Add what the terms pay for the step that has just been judged to its reward."""

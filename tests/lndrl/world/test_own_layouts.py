@@ -51,12 +51,13 @@ def test_a_layout_is_a_function_of_its_number(own_module: Write) -> None:
     name = f"{own_module(TEXT.format(answer=PILLARS))}:Pillars"
     scenario = made_scenario(name)
     one, again, other = (generate(scenario, k) for k in (3, 3, 4))
-    assert one == again != other
+    assert one == again and one.obstacles != other.obstacles
     assert (one.kind, one.name, len(one.obstacles)) == ("geometry", "pillars-3", 4)
     assert one.robot and one.pedestrians.routes
     assert generate(scenario, 12) == one  # modulo layouts
     seeded = scenario.random.model_copy(update={"seed": 2})  # type: ignore[union-attr]
-    assert generate(scenario.model_copy(update={"random": seeded}), 3) != one
+    reseeded = generate(scenario.model_copy(update={"random": seeded}), 3)
+    assert reseeded.obstacles != one.obstacles
     assert len(generate(made_scenario(name, count=2), 3).obstacles) == 2
     Place.build(scenario, layout=3)
 
