@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING
 
 from actors import worker
 from actors.worker import STOP_SIGNALS, WorkerOptions
+from lndrl.extensions import trusted_modules
 
 if TYPE_CHECKING:
     from lndrl.transport import Security
@@ -202,6 +203,7 @@ class Fleet:
             security=self._security,
             ledger=self._ledger,
             lease=self._lease,
+            trusted=trusted_modules(),
         )
         slot.channel, theirs = context.Pipe(duplex=False)
         slot.process = context.Process(

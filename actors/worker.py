@@ -42,7 +42,7 @@ class WorkerOptions:
     without which the worker ends. ``security`` holds the fields of a ``transport.Security``; it
     comes through a pipe, because command lines and environments can be read by others. ``ledger``:
     file that notes every upload. ``lease``: s of silence after which the learner gives this actor
-    up; None as usual.
+    up; None as usual. ``trusted``: modules that this worker may import own parts from.
     """
 
     endpoint: str
@@ -56,6 +56,7 @@ class WorkerOptions:
     security: dict[str, Any] | None = field(default=None, repr=False)
     ledger: str | None = None
     lease: float | None = None
+    trusted: tuple[str, ...] = ()
 
 
 class Report:
@@ -105,8 +106,10 @@ def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
     try:
         from actors.actor import Actor
         from lndrl.config import TransportConfig
+        from lndrl.extensions import trust_modules
         from lndrl.transport import Security, open_actor
 
+        trust_modules(*options.trusted)
         transport = TransportConfig(endpoint=options.endpoint, namespace=options.namespace)
         if options.lease is not None:
             transport = transport.model_copy(update={"lease": options.lease})

@@ -92,7 +92,7 @@ class Learner:
             self.events,
             self.accounts,
         )
-        self.episodes = EpisodeWindow(self.counters.episodes)
+        self.episodes = EpisodeWindow(self.counters.episodes, tuple(config.task.reward.terms))
         self.split = TimeSplit(LEARNER_ACTIVITIES)
         self.figures: dict[str, float] = {}
         self.lag: dict[str, float] = {}

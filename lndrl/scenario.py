@@ -7,17 +7,20 @@ names a ROS map (the map's own frame), ``random`` stands for endless generated l
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from lndrl.models import Count, Model, NonNegative, Probability
+from lndrl.extensions import PartName, PartSettings
+from lndrl.models import LATER, Count, Model, NonNegative, Probability
 
 Box = tuple[float, float, float, float]
 Point = tuple[float, float]
 
 SMALLEST_RANDOM = 12.0  # m; below it no start and goal are far enough apart
 MOST_CELLS = 5e7
+BLOCKS = "blocks"
+"""The built-in generator of random layouts."""
 
 
 class Obstacle(Model):
@@ -109,6 +112,20 @@ class RandomLayouts(Model):
     seed: int = Field(1, ge=0, description="another seed, other layouts")
     layouts: Count = Field(1000, description="how many different ones worlds are spread over")
     mix: Mix = Mix()
+    generator: Annotated[PartName, LATER] = Field(
+        BLOCKS, description="blocks, or a class of your own (docs/extend/scenario.md)"
+    )
+    settings: Annotated[PartSettings, LATER] = Field(
+        default_factory=dict, description="keyword arguments of a class of your own"
+    )
+
+    @model_validator(mode="after")
+    def _own_is_whole(self) -> RandomLayouts:
+        if self.settings and self.generator == BLOCKS:
+            raise ValueError("settings go to a generator of your own; blocks has mix")
+        if self.mix != Mix() and self.generator != BLOCKS:
+            raise ValueError("mix belongs to generator: blocks; one of your own has settings")
+        return self
 
 
 class Scenario(Model):

@@ -3,16 +3,69 @@
 from __future__ import annotations
 
 import os
+import secrets
+import sys
+import textwrap
+from collections.abc import Callable, Iterator
+from importlib import invalidate_caches
+from pathlib import Path
 
 # Tests run beside each other; more threads each would only slow all of them down.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
+
+from lndrl import extensions  # noqa: E402
 
 # No deadline: the first example compiles the kernel. Derandomized: a red test is red again.
 settings.register_profile(
     "lndrl", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("lndrl")
+
+
+@pytest.fixture
+def own_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., str]]:
+    """Writes a user's module, beside the tests' folder, where Python finds it; returns its name.
+
+    ``trusted`` lets this process import it; nothing of that outlives the test.
+    """
+    folder = tmp_path / "own"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setattr(extensions, "_trusted", {})
+    written: list[str] = []
+
+    def write(text: str, name: str = "", trusted: bool = True) -> str:
+        name = name or f"own_{secrets.token_hex(4)}"
+        (folder / f"{name}.py").write_text(textwrap.dedent(text))
+        invalidate_caches()
+        written.append(name)
+        if trusted:
+            extensions.trust_modules(name)
+        return name
+
+    yield write
+    for name in written:
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def install(own_module: Callable[..., str]) -> Iterator[Callable[[str, str, str, str], None]]:
+    """Installs a package that offers an entry point: (package, group, name, value)."""
+
+    def add(package: str, group: str, name: str, value: str) -> None:
+        information = Path(sys.path[0]) / f"{package}-1.0.dist-info"
+        information.mkdir()
+        (information / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n"
+        )
+        (information / "entry_points.txt").write_text(f"[{group}]\n{name} = {value}\n")
+        invalidate_caches()
+        extensions._entry_points.cache_clear()
+
+    yield add
+    extensions._entry_points.cache_clear()

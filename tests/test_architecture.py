@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FLOORS = {
     "lndrl": 0,
     "lndrl.errors": 0,
+    "lndrl.extensions": 0,
     "lndrl.models": 0,
     "lndrl.scenario": 0,
     "lndrl.config": 0,

@@ -71,7 +71,8 @@ def check_chunk(
     ends = np.count_nonzero(trajectory.terminated) + np.count_nonzero(trajectory.truncated)
     if len(header.episodes) > ends:
         raise ValueError(f"{len(header.episodes)} episodes cannot have ended in {ends} steps")
-    return trajectory, [EpisodeRecord.from_dict(episode) for episode in header.episodes]
+    terms = tuple(config.task.reward.terms)
+    return trajectory, [EpisodeRecord.from_dict(episode, terms) for episode in header.episodes]
 
 
 def memory_of(trajectory: Trajectory, message: int) -> int:

@@ -14,7 +14,7 @@ from learner.ppo.adam import Adam
 from learner.ppo.graphs import GraphedStep
 from learner.ppo.samples import MakeInputs
 from lndrl.config import PPOConfig
-from lndrl.policy import NavigationNetwork, record_cuda_graph
+from lndrl.policy import Network, record_cuda_graph
 
 Loss = Callable[[Tensor, Tensor], tuple[Tensor, tuple[Tensor, ...]]]
 """(outputs float32 (N, outputs), rows (N,)) -> mean loss with a gradient, figures without."""
@@ -40,7 +40,7 @@ class Trainee:
 
     def __init__(
         self,
-        network: NavigationNetwork,
+        network: Network,
         rate: float,
         loss: Loss,
         names: tuple[str, ...],

@@ -25,7 +25,7 @@ from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.policy import (
-    NavigationNetwork,
+    Network,
     build_policy,
     build_value,
     resolve_device,
@@ -262,7 +262,7 @@ class PPO:
 
     # -- small steps -------------------------------------------------------------------------
 
-    def _placed(self, network: NavigationNetwork) -> NavigationNetwork:
+    def _placed(self, network: Network) -> Network:
         network = network.to(self.device)
         if self._on_device or not supports_sparse(self.config):
             # Where dense convolutions run, this layout is the faster one.
@@ -270,7 +270,7 @@ class PPO:
         return network
 
     def _trainee(
-        self, network: NavigationNetwork, rate: float, loss: Loss, names: tuple[str, ...]
+        self, network: Network, rate: float, loss: Loss, names: tuple[str, ...]
     ) -> Trainee:
         # One gradient norm over both networks makes each wait for the other anyway.
         alone = self.device.type == "cuda" and not self.config.ppo.joint_gradient_norm

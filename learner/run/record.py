@@ -6,7 +6,7 @@ import json
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,10 +21,11 @@ _WINDOW = 200  # episodes behind every rate
 
 
 class EpisodeWindow:
-    """Outcomes of the newest episodes."""
+    """Outcomes of the newest episodes; ``terms`` are the names of the run's own reward terms."""
 
-    def __init__(self, count: int = 0) -> None:
+    def __init__(self, count: int = 0, terms: Sequence[str] = ()) -> None:
         self.count = count
+        self._parts = (*REWARD_PARTS, *terms)
         self._recent: deque[EpisodeRecord] = deque(maxlen=_WINDOW)
 
     def add(self, episodes: Iterable[EpisodeRecord]) -> None:
@@ -56,7 +57,7 @@ class EpisodeWindow:
         recent = list(self._recent)
         return {
             part: sum(e.reward_parts[part] for e in recent) / len(recent) if recent else None
-            for part in REWARD_PARTS
+            for part in self._parts
         }
 
 

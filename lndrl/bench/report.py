@@ -26,6 +26,7 @@ BENCHMARKS = {
     "crowd": "one tick of 22 pedestrians, one core",
     "amcl": "AMCL updates with fixed particle counts, one core",
     "world": "control steps of a scenario on one core, AMCL included, no policy",
+    "reward": "control steps with a reward term in Python beside those without, one core",
     "policy": "policy inference on real observations, one core",
     "learner": "forward and backward of both nets",
     "transport": "acknowledged uploads over zenoh, actor in another process",

@@ -13,7 +13,7 @@ def bench(
     name: Annotated[
         str,
         typer.Argument(
-            help="laser, crowd, amcl, world, policy, learner, transport, train, tls, or all"
+            help="laser, crowd, amcl, world, reward, policy, learner, transport, train, tls, or all"
         ),
     ],
     peers: Annotated[

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
-from typing import Annotated, overload
+from typing import Annotated, Any, overload
 
 import typer
 
@@ -55,6 +56,25 @@ Listen = Annotated[
         metavar="ENDPOINT",
         help="Where actors and dashboards connect; tcp/127.0.0.1:7447 unless configured."
         " Other machines need tls/HOST:PORT and --certs.",
+    ),
+]
+TrustModules = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trust-modules",
+        metavar="PREFIX",
+        help="Import parts of your own (module:Class) from PREFIX and PREFIX.*, which runs their"
+        " code; can be repeated.",
+        show_default=False,
+    ),
+]
+PlannerSettings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--planner-set",
+        metavar="KEY=VALUE",
+        help="A setting of a planner of your own; can be repeated.",
+        show_default=False,
     ),
 ]
 
@@ -137,3 +157,34 @@ def names_in(text: str | None) -> list[str] | None: ...
 def names_in(text: str | None) -> list[str] | None:
     """The parts of ``A,B,...``; None for None."""
     return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+def trust(modules: list[str] | None) -> None:
+    """Let this process import parts of the user's own from ``modules``; raises UserError.
+
+    They are looked for where Python looks, and last in the working folder.
+    """
+    if not modules:
+        return
+    from lndrl.extensions import trust_modules
+
+    trust_modules(*modules)
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+
+
+def part_settings(settings: list[str] | None, option: str) -> dict[str, Any]:
+    """``KEY=VALUE`` (YAML values) of ``option`` as keyword arguments; raises UserError."""
+    import yaml
+
+    found: dict[str, Any] = {}
+    for text in settings or []:
+        key, equals, value = text.partition("=")
+        if not equals or not key.isidentifier():
+            raise UserError(f"{option} {text}: must be KEY=VALUE, e.g. speed=0.3")
+        try:
+            found[key] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise UserError(f"{option} {text}: {value!r} is not a YAML value") from None
+    return found

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
+from lndrl.scenario import BLOCKS
 
 RUNS = Path("runs")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -40,7 +41,12 @@ def choose_run(
 
 
 def _check_place(config: RunConfig) -> None:
-    """Refuse a scenario that no episode can start in, before anything is written."""
+    """Refuse a scenario that no episode can start in, before anything is written.
+
+    Layouts of a generator of one's own are the actors' business: the learner does not import it.
+    """
+    if config.scenario.random is not None and config.scenario.random.generator != BLOCKS:
+        return
     from lndrl.world import Place
 
     Place.build(config.scenario, config.world.robot_radius)

@@ -21,7 +21,7 @@ from lndrl.config.run import (
     load_scenario,
     parse_config,
 )
-from lndrl.config.task import RewardConfig, TaskConfig
+from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
 from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "NetworkConfig",
     "PPOConfig",
     "RewardConfig",
+    "RewardTerm",
     "RunConfig",
     "TaskConfig",
     "TransportConfig",

@@ -5,18 +5,42 @@ from __future__ import annotations
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from lndrl.models import Count, Model, NonNegative, Positive, Probability
+from lndrl.extensions import PartName, PartSettings
+from lndrl.models import LATER, Count, Model, NonNegative, Positive, Probability
+
+BUILT_IN = "lndrl"
+SCAN_ENCODERS = (BUILT_IN, "fan")
+"""Built-in scan encoders; the built-in network and map encoder are called BUILT_IN alone."""
 
 
 class NetworkConfig(Model):
     """The paper's encoders, trunk and head (PAPER §III-B, pooling GROUP)."""
 
+    policy: Annotated[PartName, LATER] = Field(
+        BUILT_IN,
+        description="lndrl, or a class of your own for both networks (docs/extend/network.md)",
+    )
+    policy_settings: Annotated[PartSettings, LATER] = Field(
+        default_factory=dict, description="keyword arguments of a class of your own"
+    )
+
     pooling: Literal["max", "none"] = Field("max", description="2x2 after each map convolution")
     map_channels: tuple[int, int, int] = (64, 128, 256)
-    scan_encoder: Literal["lndrl", "fan"] = Field(
-        "lndrl", description="the paper's, or that of DRL_laser for several scans (§7.1)"
+    scan_encoder: PartName = Field(
+        BUILT_IN,
+        description="lndrl: the paper's; fan: that of DRL_laser for several scans (§7.1); or a "
+        "class of your own (docs/extend/encoder.md)",
+    )
+    scan_encoder_settings: Annotated[PartSettings, LATER] = Field(
+        default_factory=dict, description="keyword arguments of a class of your own"
+    )
+    map_encoder: Annotated[PartName, LATER] = Field(
+        BUILT_IN, description="of the pedestrian map: lndrl, or a class of your own"
+    )
+    map_encoder_settings: Annotated[PartSettings, LATER] = Field(
+        default_factory=dict, description="keyword arguments of a class of your own"
     )
     pedestrian_map: bool = Field(True, description="False: people are seen in the scan alone")
     variances: bool = Field(True, description="False: the goal without the belief's variances")
@@ -31,6 +55,20 @@ class NetworkConfig(Model):
     turn_reluctance: NonNegative = Field(
         0.0, description="the first policy's logits fall by this per rad/s; wheels slip in turns"
     )
+
+    @model_validator(mode="after")
+    def _settings_have_a_class(self) -> NetworkConfig:
+        for part, builtin in (
+            ("policy", (BUILT_IN,)),
+            ("scan_encoder", SCAN_ENCODERS),
+            ("map_encoder", (BUILT_IN,)),
+        ):
+            if getattr(self, f"{part}_settings") and getattr(self, part) in builtin:
+                raise ValueError(
+                    f"{part}_settings go to a class of your own; {part} is the built-in "
+                    f"{getattr(self, part)}"
+                )
+        return self
 
 
 class PPOConfig(Model):

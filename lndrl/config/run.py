@@ -12,6 +12,7 @@ import yaml
 from pydantic import Field, model_validator
 
 from lndrl.config.learning import (
+    BUILT_IN,
     ActorConfig,
     LearnerConfig,
     NetworkConfig,
@@ -53,7 +54,9 @@ class RunConfig(Model):
 
     @model_validator(mode="after")
     def _frames_need_their_encoder(self) -> RunConfig:
-        if self.task.scan_frames > 1 and self.network.scan_encoder != "fan":
+        network = self.network
+        reads_one = network.scan_encoder == BUILT_IN and network.policy == BUILT_IN
+        if self.task.scan_frames > 1 and reads_one:
             raise ValueError(
                 f"task.scan_frames {self.task.scan_frames} needs network.scan_encoder: fan; "
                 "the paper's reads one scan"

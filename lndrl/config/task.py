@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from lndrl.models import Count, Model, Positive
+from lndrl.extensions import PartName, PartSettings
+from lndrl.models import LATER, Count, Model, Positive
+
+_TERM_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+MOST_TERMS = 16
+
+
+class RewardTerm(Model):
+    """A summand of the reward that is a class of your own (docs/extend/reward.md)."""
+
+    use: PartName = Field(description="module:Class, or an installed reward term's name")
+    weight: float = Field(1.0, description="factor on what the class pays")
+    settings: PartSettings = Field(
+        default_factory=dict, description="keyword arguments of the class"
+    )
 
 
 class RewardConfig(Model):
@@ -18,6 +33,23 @@ class RewardConfig(Model):
     collide: float = Field(-800.0, description="r_col")
     lost: float = Field(-500.0, description="r_lost")
     step: float = Field(-5.0, description="r_step; '<' in the paper is a typo (parameters §6)")
+    terms: Annotated[dict[str, RewardTerm], LATER] = Field(
+        default_factory=dict,
+        max_length=MOST_TERMS,
+        description="further summands by name, classes of your own; in training only",
+    )
+
+    @field_validator("terms")
+    @classmethod
+    def _names_of_their_own(cls, terms: dict[str, RewardTerm]) -> dict[str, RewardTerm]:
+        for name in terms:
+            if not _TERM_NAME.fullmatch(name):
+                raise ValueError(
+                    f"{name!r} must be a name of small letters, digits and '_', at most 32"
+                )
+            if name in cls.model_fields:
+                raise ValueError(f"{name} is a part of the reward already; choose another name")
+        return terms
 
 
 class TaskConfig(Model):

@@ -2,6 +2,7 @@
 
 from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
 from lndrl.evaluation.metrics import Metrics, Rate, Spread, metrics_of
+from lndrl.evaluation.own_metrics import OwnMetric, add_metrics, own_metrics
 from lndrl.evaluation.result import EvaluationResult, load_result
 from lndrl.evaluation.runner import BLOCK, evaluate, settings_for
 from lndrl.evaluation.tables import comparison_table, result_table
@@ -13,12 +14,15 @@ __all__ = [
     "EpisodeRunner",
     "EvaluationResult",
     "Metrics",
+    "OwnMetric",
     "Rate",
     "Spread",
+    "add_metrics",
     "comparison_table",
     "evaluate",
     "load_result",
     "metrics_of",
+    "own_metrics",
     "result_table",
     "settings_for",
     "wilson_interval",

@@ -8,6 +8,7 @@ import numpy as np
 
 from lndrl.config import RunConfig
 from lndrl.navigation import EpisodeRecord, Navigation, Observation, build_surroundings
+from lndrl.navigation.terms import without_terms
 from lndrl.planners import PlannerSource
 
 TEST_WORLD = 4_000_000_000
@@ -23,12 +24,13 @@ class EpisodeRunner:
     """A place and a planner, built once, for any number of test episodes.
 
     Test episode k is drawn from (``config.seed``, TEST_WORLD + k) alone: every planner faces the
-    same starts, goals and crowds. Raises UserError for an impossible scenario and for weights
-    that do not fit ``config``.
+    same starts, goals and crowds. Rewards are the compiled parts alone, whatever ``config`` adds in
+    training. Raises UserError for an impossible scenario and for weights that do not fit
+    ``config``.
     """
 
     def __init__(self, source: PlannerSource, config: RunConfig, greedy: bool = False) -> None:
-        self.config = config
+        self.config = config = without_terms(config)
         self.planner = source.build(config, greedy)
         self._place, self._field = build_surroundings(config)
 

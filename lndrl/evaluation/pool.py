@@ -16,6 +16,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from lndrl.errors import UserError
+from lndrl.extensions import trust_modules, trusted_modules
 
 Work = Callable[[Any], Iterable[Any]]
 """What a worker does with one task: yields results."""
@@ -58,7 +59,10 @@ def _start(
     ours, theirs = context.Pipe()
     # daemon: an exit of this program by any other way stops the workers as well.
     process = context.Process(
-        target=_serve, args=(theirs, make_work, arguments), name="lndrl-evaluate", daemon=True
+        target=_serve,
+        args=(theirs, trusted_modules(), make_work, arguments),
+        name="lndrl-evaluate",
+        daemon=True,
     )
     # Ctrl-C goes to the whole process group; blocked here, it stays blocked in the worker, whose
     # end is up to this process. The tracker would unblock it again while starting.
@@ -73,9 +77,13 @@ def _start(
 
 
 def _serve(
-    connection: Connection, make_work: Callable[..., Work], arguments: Sequence[Any]
+    connection: Connection,
+    trusted: Sequence[str],
+    make_work: Callable[..., Work],
+    arguments: Sequence[Any],
 ) -> None:
     """The worker's life: tasks in, results out, until the parent closes its end or dies."""
+    trust_modules(*trusted)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
             work = make_work(*arguments)

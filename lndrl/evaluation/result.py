@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -20,6 +21,7 @@ class EvaluationResult:
     """One planner on one scenario; ``records`` are in the order of the episodes.
 
     ``actions`` of a policy were sampled or greedy; those of a floor follow its rule.
+    ``own_metrics`` are figures of the user's own by name.
     """
 
     planner: str
@@ -30,6 +32,7 @@ class EvaluationResult:
     config_hash: str
     program_version: str
     records: tuple[EpisodeRecord, ...]
+    own_metrics: Mapping[str, float | None] = field(default_factory=dict)
 
     @cached_property
     def metrics(self) -> Metrics:
@@ -38,6 +41,7 @@ class EvaluationResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types for JSON: provenance, ``metrics``, and ``records`` in episode order."""
+        own = {"own_metrics": dict(self.own_metrics)} if self.own_metrics else {}
         return {
             "program_version": self.program_version,
             "planner": self.planner,
@@ -48,6 +52,7 @@ class EvaluationResult:
             "episodes": len(self.records),
             "config_hash": self.config_hash,
             "metrics": self.metrics.to_dict(),
+            **own,
             "records": [record.to_dict() for record in self.records],
         }
 
@@ -67,8 +72,12 @@ class EvaluationResult:
                 config_hash=str(data["config_hash"]),
                 program_version=str(data["program_version"]),
                 records=tuple(EpisodeRecord.from_dict(record) for record in data["records"]),
+                own_metrics={
+                    str(name): None if value is None else float(value)
+                    for name, value in data.get("own_metrics", {}).items()
+                },
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise UserError(
                 f"{where}: not the JSON of lndrl evaluate ({type(error).__name__}: {error})"
             ) from None

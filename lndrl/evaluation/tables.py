@@ -48,6 +48,8 @@ def result_table(result: EvaluationResult) -> Table:
         table.add_row(
             long, _number(spread.mean), _number(spread.deviation), "", str(spread.episodes)
         )
+    for name, value in result.own_metrics.items():
+        table.add_row(name, _number(value), "", "", "")
     return table
 
 
@@ -63,12 +65,14 @@ def comparison_table(results: Sequence[EvaluationResult]) -> Table:
         raise UserError(f"only results of the same episodes can be compared, not {found}")
     table = Table(title=describe(results[0], planner=False), title_justify="left")
     table.add_column("planner")
-    for short, _ in (*RATES.values(), *SPREADS.values()):
+    own = results[0].own_metrics
+    for short in (*(short for short, _ in (*RATES.values(), *SPREADS.values())), *own):
         table.add_column(short, justify="right")
     for result in results:
         rates = (_rate(getattr(result.metrics, name)) for name in RATES)
         spreads = (_spread(getattr(result.metrics, name)) for name in SPREADS)
-        table.add_row(_planner(result), *rates, *spreads)
+        figures = (_number(result.own_metrics.get(name)) for name in own)
+        table.add_row(_planner(result), *rates, *spreads, *figures)
     return table
 
 

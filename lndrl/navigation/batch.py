@@ -15,6 +15,7 @@ from lndrl.localization.resampling import kld_limits
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.reward import reward_weights
 from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
+from lndrl.navigation.terms import own_terms
 from lndrl.navigation.track import RUNNING, make_tracks
 from lndrl.world import Place, WorldBatch, beam_bearings
 
@@ -67,6 +68,7 @@ class NavigationBatch:
             perfect=self.perfect,
         )
         self.task = _task(config)
+        self.terms = own_terms(config, worlds)
         shown = observation
         machine = Machine(
             self.world.robots,
@@ -87,11 +89,16 @@ class NavigationBatch:
         """Drive and sense for one control step; ``commands`` (n, 2) go to n worlds from ``first``
         on.
         """
+        if self.terms is not None:
+            self.terms.before(self, first, len(commands))
         drive_worlds(self._packed, first, commands, self.task.ticks)
 
     def judge(self, first: int = 0, worlds: int | None = None) -> None:
         """Observe, pay and judge what ``worlds`` worlds (all) from ``first`` on have driven."""
-        judge_worlds(self._packed, first, self.worlds if worlds is None else worlds, False)
+        count = self.worlds if worlds is None else worlds
+        judge_worlds(self._packed, first, count, False)
+        if self.terms is not None:
+            self.terms.pay(self, first, count)
 
     def begin(self, world: int) -> None:
         """Begin the episode that ``world`` and its filter have been reset for: sense, observe."""
@@ -100,6 +107,8 @@ class NavigationBatch:
         tracks.distance[world] = 0.0
         tracks.steps[world] = 0
         tracks.outcome[world] = RUNNING
+        if self.terms is not None:
+            self.terms.begin(world)
         drive_worlds(self._packed, world, self._still, 0)
         self.observe(world)
 

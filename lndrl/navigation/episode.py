@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
@@ -40,8 +40,11 @@ class EpisodeRecord:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> EpisodeRecord:
-        """Read ``to_dict``'s output; raises ValueError that names the first wrong field."""
+    def from_dict(cls, data: Mapping[str, Any], terms: Sequence[str] = ()) -> EpisodeRecord:
+        """Read ``to_dict``'s output; raises ValueError that names the first wrong field.
+
+        ``terms`` are the names of the run's own reward terms.
+        """
         if not isinstance(data, Mapping) or set(data) != set(cls.__dataclass_fields__):
             raise ValueError(f"an episode record needs the keys {list(cls.__dataclass_fields__)}")
         for name in ("world", "episode", "steps"):
@@ -54,9 +57,9 @@ class EpisodeRecord:
                 raise ValueError(f"episode record: {name} must be a finite number from 0")
         if not _is_finite(data["episode_return"]):
             raise ValueError("episode record: episode_return must be a finite number")
-        parts = data["reward_parts"]
-        if not isinstance(parts, Mapping) or set(parts) != set(REWARD_PARTS):
-            raise ValueError(f"episode record: reward_parts needs the keys {list(REWARD_PARTS)}")
+        parts, names = data["reward_parts"], [*REWARD_PARTS, *terms]
+        if not isinstance(parts, Mapping) or set(parts) != set(names):
+            raise ValueError(f"episode record: reward_parts needs the keys {names}")
         if not all(_is_finite(value) for value in parts.values()):
             raise ValueError("episode record: reward_parts must be finite numbers")
         return cls(**{**data, "reward_parts": dict(parts)})
@@ -71,11 +74,22 @@ class EpisodeTally:
 
     @property
     def episode_return(self) -> float:
-        """Undiscounted sum of rewards so far."""
+        """Undiscounted sum of what the compiled parts of the reward have paid so far."""
         return float(self.sums[:6].sum())
 
-    def record(self, world: int, episode: int, outcome: Outcome, time: float) -> EpisodeRecord:
-        """The record of the episode so far; needs at least one step."""
+    def record(
+        self,
+        world: int,
+        episode: int,
+        outcome: Outcome,
+        time: float,
+        own: Mapping[str, float] | None = None,
+    ) -> EpisodeRecord:
+        """The record of the episode so far; needs at least one step.
+
+        ``own`` are the sums of what reward terms of the user's own have paid in it, by name.
+        """
+        own = own or {}
         steps = int(self._track.steps[0])
         position_error, angle_error, variance_sum = (self.sums[6:] / steps).tolist()
         return EpisodeRecord(
@@ -88,8 +102,8 @@ class EpisodeTally:
             position_error=position_error,
             angle_error=angle_error,
             variance_sum=variance_sum,
-            episode_return=self.episode_return,
-            reward_parts=dict(zip(REWARD_PARTS, self.sums[:6].tolist(), strict=True)),
+            episode_return=self.episode_return + sum(own.values()),
+            reward_parts={**dict(zip(REWARD_PARTS, self.sums[:6].tolist(), strict=True)), **own},
         )
 
 

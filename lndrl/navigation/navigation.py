@@ -19,6 +19,7 @@ from lndrl.localization.belief import belief_of
 from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
 from lndrl.navigation.observation import Observation, dequantise
+from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import Stream, episode_states
@@ -47,7 +48,7 @@ def layout_of(config: RunConfig, world_id: int, episode: int) -> int:
 
 @dataclass(slots=True)
 class Transition:
-    """Result of one control step; ``parts`` (6,) are the reward's summands."""
+    """Result of one control step; ``parts`` are the reward's summands, see ``part_names``."""
 
     reward: float
     parts: NDArray[np.float64]
@@ -166,16 +167,36 @@ class Navigation:
         timeout = outcome == "timeout"
         return Transition(
             reward=float(self.track.reward[0]),
-            parts=self.track.parts.copy(),
+            parts=self._parts(),
             terminated=bool(outcome) and not timeout,
             truncated=timeout,
             record=self.record() if outcome else None,
         )
 
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """Names of the reward's summands: the compiled ones, then terms of the user's own."""
+        return (*REWARD_PARTS, *(self.batch.terms.names if self.batch.terms else ()))
+
+    def _parts(self) -> NDArray[np.float64]:
+        terms = self.batch.terms
+        if terms is None:
+            return self.track.parts.copy()
+        return np.concatenate((self.track.parts, terms.paid[self.index]))
+
+    def _own_sums(self) -> dict[str, float]:
+        """What reward terms of the user's own have paid in the episode, by name."""
+        terms = self.batch.terms
+        if terms is None:
+            return {}
+        return dict(zip(terms.names, terms.sums[self.index].tolist(), strict=True))
+
     def record(self) -> EpisodeRecord:
         """Of the episode that has just ended."""
         outcome = cast(Outcome, self.outcome)
-        return self._tally.record(self.world_id, self.episode, outcome, self.world.time)
+        return self._tally.record(
+            self.world_id, self.episode, outcome, self.world.time, self._own_sums()
+        )
 
     def snapshot(self) -> WorldSnapshot:
         """Everything a drawing needs, copied; needs a started episode."""
@@ -213,5 +234,5 @@ class Navigation:
             robot_radius=config.world.robot_radius,
             path=self.track.path[:seen].copy(),
             path_estimated=self.track.path_estimated[:seen].copy(),
-            episode_return=self._tally.episode_return,
+            episode_return=self._tally.episode_return + sum(self._own_sums().values()),
         )

@@ -1,15 +1,17 @@
-"""From what a user types to a planner: one that follows a rule, a run folder or weights."""
+"""From what a user types to a planner: a rule, a run folder, weights, or a class of one's own."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.extensions import PLANNER, PartSettings, find, installed, is_own
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.interface import Planner
+from lndrl.planners.own import OwnPlanner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 RULES: dict[str, Callable[[RunConfig], Planner]] = {
@@ -26,21 +28,36 @@ class PlannerSource:
 
     ``config`` and ``weights`` are those that were trained together, None for a rule. A run
     that goes on training meanwhile changes neither. ``parameters`` are DWA's where they are not the
-    defaults.
+    defaults. ``own``: the name is that of a user's class, which gets ``settings``; it is imported
+    where it is built, not before.
     """
 
     name: str
     config: RunConfig | None = None
     weights: bytes | None = None
     parameters: DWAConfig | None = None
+    own: bool = False
+    settings: PartSettings = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """A short name, fit for a file's."""
+        if self.own:
+            return self.name.rpartition(":")[2]
+        if self.weights is None:
+            return self.name
+        path = Path(self.name).resolve()
+        return path.name if path.is_dir() else path.parent.name
 
     def build(self, config: RunConfig, greedy: bool = False) -> Planner:
         """The planner for episodes under ``config``.
 
         ``greedy`` takes the likeliest action instead of sampling; rules ignore it. Raises
         UserError when the weights are for another observation layout than that of ``config``, or
-        do not fit its networks.
+        do not fit its networks, and for a class that this process does not trust.
         """
+        if self.own:
+            return OwnPlanner(self.name, config, self.settings)
         if self.parameters is not None:
             return DWAPlanner(config, self.parameters)
         if self.weights is None:
@@ -54,22 +71,50 @@ class PlannerSource:
         return PolicyPlanner.load(self.name, config, self.weights, greedy)
 
 
-def planner_source(spec: str) -> PlannerSource:
-    """Find ``random``, ``straight``, a run folder, or a weights file.
+def planner_source(spec: str, settings: PartSettings | None = None) -> PlannerSource:
+    """Find a rule, a run folder, a weights file, or name a class of one's own (not yet imported).
 
-    Raises UserError when ``spec`` is none of them, or its weights cannot be read.
+    ``settings`` go to such a class. Raises UserError when ``spec`` is none of them, weights cannot
+    be read, or there are settings for what takes none.
     """
-    if spec in RULES:
-        return PlannerSource(spec)
     path = Path(spec)
+    if is_own_planner(spec):
+        return PlannerSource(spec, own=True, settings=settings or {})
+    if settings:
+        raise UserError(f"{spec}: takes no settings; a planner of your own does (module:Class)")
+    if spec in RULES:
+        find(PLANNER, spec, RULES)  # says so where a package installs another of that name
+        return PlannerSource(spec)
+    if spec in installed(PLANNER):
+        raise UserError(
+            f"{spec}: is a path here and an installed planner; write ./{spec} or module:Class"
+        )
     if not path.exists():
         raise UserError(
-            f"{spec}: no such run folder or weights file; give one, or {' or '.join(RULES)}"
+            f"{spec}: no such run folder or weights file; give one, {' or '.join(planner_names())},"
+            " or module:Class for a planner of your own"
         )
     from lndrl.policy import load_policy  # torch: takes seconds, and rules need none of it
 
     config, weights = load_policy(path)
     return PlannerSource(spec, config, weights)
+
+
+def planner_names() -> tuple[str, ...]:
+    """Planners that need no weights: the rules, and what packages install."""
+    return (*RULES, *(name for name in installed(PLANNER) if name not in RULES))
+
+
+def is_own_planner(planner: str) -> bool:
+    """Whether ``planner`` names a class of a user's own."""
+    if planner in RULES:
+        return False
+    return is_own(planner) or (planner in installed(PLANNER) and not Path(planner).exists())
+
+
+def is_rule(planner: str) -> bool:
+    """Whether ``planner`` drives without weights."""
+    return planner in RULES or is_own_planner(planner)
 
 
 def make_planner(spec: str, config: RunConfig | None = None, greedy: bool = False) -> Planner:

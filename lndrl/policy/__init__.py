@@ -7,7 +7,7 @@ from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
 from lndrl.policy.inference import PolicyRunner
 from lndrl.policy.inputs import Inputs, prepare, supports_sparse
 from lndrl.policy.layout import check_layout
-from lndrl.policy.networks import NavigationNetwork, build_policy, build_value
+from lndrl.policy.networks import NavigationNetwork, Network, build_policy, build_value
 from lndrl.policy.weights import (
     POLICY_FILE,
     initial_weights,
@@ -24,6 +24,7 @@ __all__ = [
     "FirstLayer",
     "Inputs",
     "NavigationNetwork",
+    "Network",
     "PolicyRunner",
     "Record",
     "build_policy",

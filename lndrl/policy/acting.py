@@ -16,7 +16,7 @@ from lndrl.navigation import Observation
 from lndrl.policy.compact import CompactObservation
 from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
 from lndrl.policy.inputs import Inputs
-from lndrl.policy.networks import NavigationNetwork
+from lndrl.policy.networks import Network
 
 _MOST_BATCHES = 4  # sizes that have memory of their own; the oldest makes room
 
@@ -40,7 +40,7 @@ class DevicePolicy:
 
     def __init__(
         self,
-        network: NavigationNetwork,
+        network: Network,
         config: RunConfig,
         precision: torch.dtype = torch.float32,
         record: Record | None = None,
@@ -82,7 +82,7 @@ class DevicePolicy:
             if len(self._batches) >= _MOST_BATCHES:
                 del self._batches[next(iter(self._batches))]
             seen = CompactObservation.view(Observation.zeros_for(size, self._config))
-            outputs = self._network.head.out_features
+            outputs = self._network.outputs
             answer = torch.empty(size, outputs, device=self._device)
             self._batches[size] = _Batch(seen.to(self._device), answer)
         return self._batches[size]

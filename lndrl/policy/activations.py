@@ -9,8 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.errors import UserError
 from lndrl.navigation.observation import SCAN_COUNTS
-from lndrl.policy.networks import build_policy
+from lndrl.policy.networks import FanScanEncoder, ScanEncoder, build_policy
 from lndrl.policy.weights import load_into
 
 
@@ -32,8 +33,13 @@ def first_layer(config: RunConfig, weights: bytes, scan: NDArray[np.uint16]) -> 
     Raises UserError when ``weights`` do not fit the networks of ``config``.
     """
     network = build_policy(config)
+    encoder = getattr(network, "scan_encoder", None)
+    if not isinstance(encoder, ScanEncoder | FanScanEncoder):
+        raise UserError(
+            "only the built-in scan encoders show their first layer, not one of "
+            f"{config.network.scan_encoder if encoder else config.network.policy}"
+        )
     load_into(network, weights)
-    encoder = network.scan_encoder
     with torch.inference_mode():
         inputs = torch.from_numpy(scan * np.float32(1.0 / SCAN_COUNTS))
         values = encoder.first(inputs[None])[0].numpy()

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import nn
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
@@ -66,9 +65,8 @@ class PolicyRunner:
 
     def _freeze(self) -> None:
         """Make what acts from the weights, once for all calls until the next ones."""
-        self._acting = self.network
+        self._acting: nn.Module = self.network
         if self.bfloat16 and self.device.type == "cpu":
-            self._acting = copy.deepcopy(self.network).bfloat16()
-            self._acting.head.float()  # eight bits would be too coarse for log-probabilities
+            self._acting = self.network.coarse()
         if self.device.type == "cpu" and supports_sparse(self.config):
-            self._acting.freeze()
+            self._acting.freeze()  # type: ignore[operator]

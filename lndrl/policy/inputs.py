@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from lndrl.config import RunConfig
+from lndrl.config.learning import BUILT_IN
 from lndrl.navigation import Observation
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
@@ -50,7 +51,10 @@ def prepare(observation: Observation, config: RunConfig) -> Inputs:
 
 
 def supports_sparse(config: RunConfig) -> bool:
-    """Whether the sparse encoder can evaluate this network."""
+    """Whether the sparse encoder can evaluate this network; a user's own gets dense maps."""
+    network = config.network
+    if network.policy != BUILT_IN or network.map_encoder != BUILT_IN:
+        return False
     cells, pooling = config.task.map_cells, pooling_factor(config)
     return cells >= STAND_IN[pooling] and cells % pooling**LEVELS == 0
 

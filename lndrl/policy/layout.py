@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.errors import UserError
+from lndrl.extensions import PartSettings
 
 CONFIG_KEY = "lndrl.config"
 """Entry of a policy file's metadata that holds the configuration it was trained under, as JSON."""
@@ -23,7 +24,8 @@ def layout(config: RunConfig) -> dict[str, str]:
     task, network, laser = config.task, config.network, config.world.laser
     facts = {
         "frames": _counted(task.scan_frames, "scan frame"),
-        "encoder": f"scan encoder {network.scan_encoder}",
+        "network": f"network {_part(network.policy, network.policy_settings)}",
+        "encoder": f"scan encoder {_part(network.scan_encoder, network.scan_encoder_settings)}",
         "beams": _counted(laser.beams, "beam"),
         "view": f"a view of {laser.field_of_view:.4g} rad",
         "range": f"a range of {laser.range_max:g} m",
@@ -44,6 +46,8 @@ def layout(config: RunConfig) -> dict[str, str]:
         facts["discs"] = f"pedestrians of {task.pedestrian_radius:g} m"
         facts["channels"] = f"map channels {_list(network.map_channels)}"
         facts["pooling"] = f"map pooling {network.pooling}"
+        settings = network.map_encoder_settings
+        facts["map_encoder"] = f"map encoder {_part(network.map_encoder, settings)}"
     return facts
 
 
@@ -90,6 +94,10 @@ def _config_inside(blob: bytes) -> RunConfig | None:
         return parse_config(json.loads(head["__metadata__"][CONFIG_KEY]), "weights")
     except (ValueError, KeyError, TypeError, RecursionError, UserError):
         return None
+
+
+def _part(name: str, settings: PartSettings) -> str:
+    return f"{name} of {json.dumps(settings, sort_keys=True)}" if settings else name
 
 
 def _counted(count: int, what: str) -> str:

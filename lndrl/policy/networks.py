@@ -8,6 +8,7 @@ sparse pedestrian encoder (CPU), which is exact up to the order of sums.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +17,11 @@ from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812  (torch's own convention)
 
 from lndrl.config import RunConfig
+from lndrl.config.learning import BUILT_IN, SCAN_ENCODERS
+from lndrl.extensions import ENCODER, NETWORK, find
 from lndrl.navigation import action_table
 from lndrl.policy.inputs import Inputs, pooling_factor
+from lndrl.policy.own import OwnEncoder, OwnNetwork
 from lndrl.policy.scan import scan_convolutions
 from lndrl.policy.sparse import cell_linear, convolve_pool, flat_weight, train_cell_linear
 from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, stand_in_cells
@@ -82,7 +86,8 @@ class MapEncoder(nn.Module):
         self.conv2 = nn.Conv2d(first, second, 3, padding=1)
         self.conv3 = nn.Conv2d(second, third, 3, padding=1)
         self.cells = config.task.map_cells // self.pooling**LEVELS
-        self.linear = CellLinear(self.cells**2, third, config.network.features)
+        self.features = config.network.features
+        self.linear = CellLinear(self.cells**2, third, self.features)
         self._frozen: FrozenWeights | None = None
 
     def forward(self, people: Tensor | MapStructure) -> Tensor:
@@ -151,7 +156,8 @@ class ScanEncoder(nn.Module):
         self.conv1 = nn.Conv1d(1, 32, 5, stride=3)
         self.conv2 = nn.Conv1d(32, 32, 3, stride=2)
         width = ((config.world.laser.beams - 5) // 3 + 1 - 3) // 2 + 1
-        self.linear = nn.Linear(32 * width, config.network.features)
+        self.features = config.network.features
+        self.linear = nn.Linear(32 * width, self.features)
 
     def forward(self, scan: Tensor) -> Tensor:
         one, two = self.conv1, self.conv2
@@ -177,7 +183,8 @@ class FanScanEncoder(nn.Module):
         self.conv1 = nn.Conv1d(self.frames, 32, 5, stride=2, padding=1)
         self.conv2 = nn.Conv1d(32, 32, 3, stride=2, padding=1)
         width = (((config.world.laser.beams - 3) // 2 + 1) - 1) // 2 + 1
-        self.linear = nn.Linear(32 * width, FAN_SCAN_FEATURES)
+        self.features = FAN_SCAN_FEATURES
+        self.linear = nn.Linear(32 * width, self.features)
 
     def forward(self, scan: Tensor) -> Tensor:
         x = F.relu(self.conv2(self.first(scan)))
@@ -193,7 +200,7 @@ class NavigationNetwork(nn.Module):
 
     ``config.network`` may leave the pedestrian map or the variances out, or read several scans the
     way DRL_laser does; without a map that network is Fan et al.'s whole one, whose trunk reads the
-    goal itself.
+    goal itself. Either encoder may be a class of the user's own.
     """
 
     goal_scale: Tensor
@@ -202,14 +209,15 @@ class NavigationNetwork(nn.Module):
         super().__init__()
         network = config.network
         fan = network.scan_encoder == "fan"
+        self.outputs = outputs
         self.goals = 6 if network.variances else 3
-        self.map_encoder = MapEncoder(config) if network.pedestrian_map else None
-        self.scan_encoder = FanScanEncoder(config) if fan else ScanEncoder(config)
+        self.map_encoder = map_encoder(config) if network.pedestrian_map else None
+        self.scan_encoder = scan_encoder(config)
         plain = fan and not network.pedestrian_map
         self.goal_encoder = None if plain else nn.Linear(self.goals, network.goal_features)
-        joined = FAN_SCAN_FEATURES if fan else network.features
+        joined = self.scan_encoder.features
         joined += self.goals if plain else network.goal_features
-        joined += network.features if network.pedestrian_map else 0
+        joined += 0 if self.map_encoder is None else self.map_encoder.features
         trunk = FAN_TRUNK_FEATURES if plain else network.features
         self.trunk = nn.Linear(joined, trunk)
         self.head = nn.Linear(trunk, outputs)
@@ -235,13 +243,48 @@ class NavigationNetwork(nn.Module):
 
     def freeze(self) -> None:
         """Keep what depends on the weights alone; again after every change of them."""
-        if self.map_encoder is not None:
+        if isinstance(self.map_encoder, MapEncoder):
             self.map_encoder.freeze()
 
+    def coarse(self) -> nn.Module:
+        """A copy that multiplies in bfloat16."""
+        copied = copy.deepcopy(self).bfloat16()
+        copied.head.float()  # eight bits would be too coarse for log-probabilities
+        return copied
 
-def build_policy(config: RunConfig) -> NavigationNetwork:
-    """The policy: logits over the actions; 7,615,804 parameters with the paper's numbers."""
+
+Network = NavigationNetwork | OwnNetwork
+
+
+def scan_encoder(config: RunConfig) -> ScanEncoder | FanScanEncoder | OwnEncoder:
+    """The scan encoder of ``config``; raises UserError for one that is not to be had."""
+    network = config.network
+    where = "network.scan_encoder"
+    if find(ENCODER, network.scan_encoder, SCAN_ENCODERS, where) is None:
+        return FanScanEncoder(config) if network.scan_encoder == "fan" else ScanEncoder(config)
+    values = config.task.scan_frames * config.world.laser.beams
+    settings = dict(network.scan_encoder_settings)
+    return OwnEncoder(config, network.scan_encoder, settings, where, (values,))
+
+
+def map_encoder(config: RunConfig) -> MapEncoder | OwnEncoder:
+    """The map encoder of ``config``; raises UserError for one that is not to be had."""
+    network, side = config.network, config.task.map_cells
+    where = "network.map_encoder"
+    if find(ENCODER, network.map_encoder, (BUILT_IN,), where) is None:
+        return MapEncoder(config)
+    settings = dict(network.map_encoder_settings)
+    return OwnEncoder(config, network.map_encoder, settings, where, (3, side, side))
+
+
+def build_policy(config: RunConfig) -> Network:
+    """The policy: logits over the actions; 7,615,804 parameters with the paper's numbers.
+
+    Raises UserError for parts of a user's own that are not trusted or not what they should be.
+    """
     actions = action_table(config.task)
+    if find(NETWORK, config.network.policy, (BUILT_IN,), "network.policy") is not None:
+        return OwnNetwork(config, len(actions))
     network = _initialized(NavigationNetwork(config, len(actions)), config, head_gain=0.01)
     if config.network.turn_reluctance:
         # A policy that turns at random soon gets lost, and then learns from little else.
@@ -251,8 +294,10 @@ def build_policy(config: RunConfig) -> NavigationNetwork:
     return network
 
 
-def build_value(config: RunConfig) -> NavigationNetwork:
+def build_value(config: RunConfig) -> Network:
     """The value network: one linear unit; 7,601,953 parameters with the paper's numbers."""
+    if find(NETWORK, config.network.policy, (BUILT_IN,), "network.policy") is not None:
+        return OwnNetwork(config, 1)
     return _initialized(NavigationNetwork(config, 1), config, head_gain=1.0)
 
 
@@ -260,7 +305,15 @@ def _initialized(
     network: NavigationNetwork, config: RunConfig, head_gain: float
 ) -> NavigationNetwork:
     if config.network.initialization == "orthogonal":
+        foreign = {
+            inner
+            for module in network.modules()
+            if isinstance(module, OwnEncoder)
+            for inner in module.modules()
+        }
         for module in network.modules():
+            if module in foreign:
+                continue  # whoever wrote it has initialized it
             if isinstance(module, nn.Conv1d | nn.Conv2d | nn.Linear):
                 gain = head_gain if module is network.head else float(np.sqrt(2.0))
                 nn.init.orthogonal_(module.weight, gain)

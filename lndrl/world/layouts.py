@@ -2,7 +2,8 @@
 
 A layout is a pure function of (the scenario's seed, its number). The floor is cut into blocks by
 straight aisles, which join everything; each block becomes one of the four kinds of ground and
-opens to the aisles around it. What comes out is a plain geometry scenario.
+opens to the aisles around it. What comes out is a plain geometry scenario. A generator of the
+user's own may draw instead.
 """
 
 from __future__ import annotations
@@ -10,13 +11,17 @@ from __future__ import annotations
 import numpy as np
 
 from lndrl.errors import UserError
+from lndrl.extensions import GENERATOR, calling, find, make
 from lndrl.maps.grid import distance_field, grid_from_scenario
+from lndrl.models import validate
 from lndrl.randomness import State, stream_state, uniform
-from lndrl.scenario import Box, Obstacle, Point, RandomLayouts, Scenario
+from lndrl.scenario import BLOCKS, Box, Obstacle, Point, RandomLayouts, Scenario
 from lndrl.world.furnish import TASK_DISTANCE, find_people, find_tasks
 
 _ATTEMPTS = 20
 _STREAM = 77  # keeps these draws apart from those of worlds
+_OWN_STREAM = 78  # and from those of a generator of the user's own
+_NOWHERE = {"start": (0.0, 0.0, 0.0, 0.0), "goal": (0.0, 0.0, 0.0, 0.0)}
 _AISLE = (0.8, 1.4)  # m from a block's edge to what stands in it: half an aisle
 _SMALLEST_BLOCK = 5.5  # m
 _WALL = 0.15  # m
@@ -38,28 +43,93 @@ def generate(scenario: Scenario, index: int, robot_radius: float = 0.17) -> Scen
 
     Its floor is one connected part, its tasks lie at ``start_goal_distance`` (default 11 to
     13 m), its people have routes around the walls. Raises UserError when no layout of that size
-    can hold them.
+    can hold them, and for a generator of one's own that is not trusted, or fails.
     """
     settings = _settings(scenario)
     index %= settings.layouts
+    own = None if settings.generator == BLOCKS else OwnLayouts(scenario, settings)
     diagonal = float(np.hypot(*scenario.size))
     nearest = (scenario.start_goal_distance or TASK_DISTANCE)[0]
-    if nearest > diagonal:
+    if own is None and nearest > diagonal:
         raise UserError(
             f"scenario {scenario.name}: no layout of {diagonal:.1f} m from corner to corner has "
             f"start and goal {nearest:g} m apart; enlarge size or change start_goal_distance"
         )
     reason = ""
     for attempt in range(_ATTEMPTS):
-        state = stream_state(settings.seed, index, attempt, _STREAM)
+        if own is not None:
+            layout = own(index, attempt)
+        else:
+            state = stream_state(settings.seed, index, attempt, _STREAM)
+            layout = _draw(scenario, index, state)
         try:
-            return _furnish(_draw(scenario, index, state), robot_radius)
+            return _furnish(layout, robot_radius)
         except UserError as error:
             reason = str(error)
     raise UserError(
         f"scenario {scenario.name}: none of {_ATTEMPTS} attempts at layout {index} offers room "
         f"({reason}); enlarge size or change start_goal_distance"
     )
+
+
+class OwnLayouts:
+    """The generator that ``settings`` names, made for ``scenario``.
+
+    Raises UserError where it is not trusted, not there, or not what it should be.
+    """
+
+    def __init__(self, scenario: Scenario, settings: RandomLayouts) -> None:
+        self._scenario, self._settings = scenario, settings
+        name = settings.generator
+        found = find(GENERATOR, name, (BLOCKS,), "random.generator")
+        assert found is not None  # blocks has been dealt with
+        self._generator = make(GENERATOR, found, name, scenario, **settings.settings)
+
+    def __call__(self, index: int, attempt: int) -> Scenario:
+        """Layout ``index`` at its ``attempt``: a function of these and the scenario alone.
+
+        Raises UserError for whatever is no scenario, or an impossible one.
+        """
+        name = self._settings.generator
+        sequence = np.random.SeedSequence(
+            self._settings.seed, spawn_key=(_OWN_STREAM, index, attempt)
+        )
+        with calling(GENERATOR, name):
+            layout = self._generator(index, np.random.Generator(np.random.PCG64(sequence)))
+        if not isinstance(layout, Scenario):
+            raise UserError(
+                f"scenario generator {name}: layout {index} must be a Scenario, "
+                f"not {type(layout).__name__}"
+            )
+        return self._checked(layout, index)
+
+    def _checked(self, layout: Scenario, index: int) -> Scenario:
+        """``layout`` as a geometry scenario, validated: a copy with changes has not been yet.
+
+        Tasks and routes that it leaves out are left out.
+        """
+        data = layout.model_dump(warnings=False)  # validate() says what is wrong
+        if layout.map is not None or layout.cells is not None:
+            raise UserError(
+                f"scenario generator {self._settings.generator}: layout {index} is a map; "
+                "draw obstacles instead"
+            )
+        tasks, crowd = data["robot"], data["pedestrians"]
+        routes = crowd.get("routes") if isinstance(crowd, dict) else None
+        # Of kind geometry a scenario needs both; where they are to be found, others stand in.
+        data["robot"] = tasks or [_NOWHERE]
+        if isinstance(crowd, dict):
+            data["pedestrians"] = {**crowd, "routes": routes or [_NOWHERE]}
+        data |= {"kind": "geometry", "random": None, "name": f"{self._scenario.name}-{index}"}
+        where = f"scenario generator {self._settings.generator}: layout {index}"
+        checked = validate(Scenario, data, where)
+        people = checked.pedestrians
+        return checked.model_copy(
+            update={
+                "robot": checked.robot if tasks else [],
+                "pedestrians": people if routes else people.model_copy(update={"routes": []}),
+            }
+        )
 
 
 def _settings(scenario: Scenario) -> RandomLayouts:
@@ -69,14 +139,14 @@ def _settings(scenario: Scenario) -> RandomLayouts:
 def _furnish(layout: Scenario, robot_radius: float) -> Scenario:
     grid = grid_from_scenario(layout)
     distance = distance_field(grid.occupied, grid.resolution)
-    wanted = layout.start_goal_distance or TASK_DISTANCE
-    tasks, limits, _ = find_tasks(distance, grid.resolution, robot_radius, wanted, layout.name)
+    if not layout.robot:
+        wanted = layout.start_goal_distance or TASK_DISTANCE
+        tasks, limits, _ = find_tasks(distance, grid.resolution, robot_radius, wanted, layout.name)
+        layout = layout.model_copy(update={"robot": tasks, "start_goal_distance": limits})
     people, note = find_people(layout.pedestrians, distance, grid.resolution)
     if note:
         raise UserError(note)
-    return layout.model_copy(
-        update={"robot": tasks, "pedestrians": people, "start_goal_distance": limits}
-    )
+    return layout.model_copy(update={"pedestrians": people})
 
 
 def _draw(scenario: Scenario, index: int, state: State) -> Scenario:

@@ -149,6 +149,7 @@ def test_defaults_are_the_published_ones(config_file: Path) -> None:
         "collide": -800.0,
         "lost": -500.0,
         "step": -5.0,
+        "terms": {},
     }
     assert config.world.tick * config.world.ticks_per_step == pytest.approx(0.4)
     laser, amcl = config.world.laser, config.localization

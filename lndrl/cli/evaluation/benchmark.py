@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lndrl.cli.options import names_in
+from lndrl.cli.options import TrustModules, names_in, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def benchmark(
     spec: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Default: configs/benchmark.yaml.")
     ] = None,
+    trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
 ) -> None:
     """Test methods in scenarios and show the paper's table beside ours.
@@ -59,6 +60,7 @@ def benchmark(
         raise UserError(f"--episodes {episodes}: must be 1 or more")
     if workers is not None and workers < 0:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    trust(trust_modules)
     from lndrl.evaluation.benchmark import (
         BENCHMARK,
         IDENTITY,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.evaluation.benchmark import RESULTS
+from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,12 +41,14 @@ def calibrate(
         int | None,
         typer.Option(min=0, metavar="W", help="Processes; default: one per core; 0: none."),
     ] = None,
+    trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="The rows as JSON.")] = False,
 ) -> None:
     """Show how near variants of the bench bring DWA to the paper's figures for it.
 
     Stopped with Ctrl-C, the same command goes on.
     """
+    trust(trust_modules)
     from lndrl.evaluation.benchmark import CALIBRATION, choose, load_calibration
 
     spec = load_calibration(file or CALIBRATION)

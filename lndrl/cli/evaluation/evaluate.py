@@ -5,10 +5,11 @@ from __future__ import annotations
 import json as json_format
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from lndrl.cli.options import PlannerSettings, TrustModules, part_settings, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -23,7 +24,8 @@ def evaluate(
         list[str],
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight' or 'dwa'; several are compared.",
+            help="Run folder, weights file, 'random', 'straight', 'dwa' or module:Class; several"
+            " are compared.",
         ),
     ],
     scenario: Annotated[
@@ -44,15 +46,34 @@ def evaluate(
     localization: Annotated[
         Localization | None, typer.Option(help="Default: as trained; perfect hands out the truth.")
     ] = None,
+    metric: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="M",
+            help="A metric of your own beside the nine, module:Class; can be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    planner_set: PlannerSettings = None,
+    trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="Metrics and episodes as JSON.")] = False,
 ) -> None:
     """Measure a policy with the paper's nine metrics."""
     _check(episodes, seed, workers)
+    trust(trust_modules)
+    settings = part_settings(planner_set, "--planner-set")
+    from lndrl.evaluation import add_metrics, own_metrics
+    from lndrl.planners import is_own_planner
+
+    if settings and not any(map(is_own_planner, planners)):
+        raise UserError("--planner-set goes with a planner of your own, e.g. my_package:Planner")
+    own = own_metrics(metric or [])
     count = len(os.sched_getaffinity(0)) if workers is None else workers
     results = [
-        _evaluate_one(each, scenario, episodes, seed, count, greedy, localization)
+        _evaluate_one(each, settings, scenario, episodes, seed, count, greedy, localization)
         for each in planners
     ]
+    results = [add_metrics(result, own) for result in results]
     if json:
         dictionaries = [result.to_dict() for result in results]
         content = dictionaries[0] if len(results) == 1 else {"results": dictionaries}
@@ -77,6 +98,7 @@ def _check(episodes: int, seed: int, workers: int | None) -> None:
 
 def _evaluate_one(
     planner: str,
+    settings: dict[str, Any],
     scenario: str | None,
     episodes: int,
     seed: int,
@@ -86,10 +108,10 @@ def _evaluate_one(
 ) -> EvaluationResult:
     from lndrl.evaluation import evaluate as run_evaluation
     from lndrl.evaluation import settings_for
-    from lndrl.planners import planner_source
+    from lndrl.planners import is_own_planner, planner_source
     from lndrl.view.progress import progress_bar
 
-    source = planner_source(planner)
+    source = planner_source(planner, settings if is_own_planner(planner) else None)
     config = settings_for(source, scenario, localization)
     title = f"{Path(planner).name} on {config.scenario.name}"
     arrived = 0

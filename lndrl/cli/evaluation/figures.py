@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.evaluation.benchmark import RESULTS
-from lndrl.cli.options import check_picture, names_in
+from lndrl.cli.options import TrustModules, check_picture, names_in, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,7 +38,9 @@ _MOST = 50
 def trajectories(
     methods: Annotated[
         str,
-        typer.Option(metavar="M,...", help="Methods of the bench, run folders or weights files."),
+        typer.Option(
+            metavar="M,...", help="Methods of the bench, run folders, weights or module:Class."
+        ),
     ] = "dwa,lndrl",
     scenario: Annotated[
         str, typer.Option(metavar="S,...", help="Scenarios of the bench, a column each.")
@@ -46,9 +48,11 @@ def trajectories(
     episode: Episode = 0,
     out: Out = None,
     spec: Spec = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Draw one episode as several methods drive it: paths, position and angle error."""
     _check(episode, out)
+    trust(trust_modules)
     from lndrl.evaluation.benchmark import Replay, choose, contenders_named
 
     bench = _bench(spec)
@@ -84,9 +88,11 @@ def activations(
     ] = None,
     out: Out = None,
     spec: Spec = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Draw what the first laser layer of a network answers, beside scene and scan."""
     _check(episode, out)
+    trust(trust_modules)
     if step is not None and step < 0:
         raise UserError(f"--step {step}: must be 0 or more")
     from lndrl.evaluation.benchmark import Replay, choose, contender_named
@@ -124,6 +130,7 @@ def worst(
     ] = None,
     count: Annotated[int, typer.Option(metavar="N", help="Episodes, at most 50.")] = 10,
     out: Out = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Draw the worst episodes of a result, with the reason each ended.
 
@@ -131,6 +138,7 @@ def worst(
     then the longer time.
     """
     _check(0, out)
+    trust(trust_modules)
     if not 1 <= count <= _MOST:
         raise UserError(f"--count {count}: must be 1 to {_MOST}")
     from lndrl.evaluation.benchmark import ResultsFolder, choose, contender_tested, worst_episodes

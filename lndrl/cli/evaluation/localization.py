@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def localization(
         int | None,
         typer.Option(metavar="W", help="Processes; default: one per core; 0: none but this."),
     ] = None,
+    trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="Figures as JSON.")] = False,
     out: Annotated[
         Path | None,
@@ -49,6 +51,7 @@ def localization(
     Every drive is recorded once and replayed under every setting, so settings are compared on
     the same data.
     """
+    trust(trust_modules)
     from lndrl.evaluation.localization import check_document, report_tables
 
     if workers is not None and workers < 0:

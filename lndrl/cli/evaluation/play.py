@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.options import PlannerSettings, TrustModules, part_settings, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ def play(
         str,
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight' or 'dwa'.",
+            help="Run folder, weights file, 'random', 'straight', 'dwa' or module:Class.",
         ),
     ],
     out: Annotated[
@@ -40,13 +41,16 @@ def play(
     greedy: Annotated[
         bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
     ] = False,
+    planner_set: PlannerSettings = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Draw an episode of a policy as a picture or an animation."""
     _check(out, seed, episode)
+    trust(trust_modules)
     from lndrl.evaluation import EpisodeRunner, settings_for
     from lndrl.planners import planner_source
 
-    source = planner_source(planner)
+    source = planner_source(planner, part_settings(planner_set, "--planner-set"))
     config = settings_for(source, scenario).model_copy(update={"seed": seed})
     animated = out.suffix.lower() == ".gif"
     if animated and at is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lndrl.cli.options import check_picture
+from lndrl.cli.options import TrustModules, check_picture, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -30,12 +30,14 @@ def scenarios(
     layout: Annotated[
         int, typer.Option(metavar="K", min=0, help="Which of a random scenario's layouts.")
     ] = 0,
+    trust_modules: TrustModules = None,
     json: Annotated[
         bool, typer.Option("--json", help="As JSON; with NAME: with regions and routes.")
     ] = False,
 ) -> None:
     """List the places to train and test in, and draw them."""
     _check(name, out, draw)
+    trust(trust_modules)
     if name is None:
         _all(draw, layout, json)
     else:

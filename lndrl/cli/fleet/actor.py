@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from lndrl.cli.options import check_device, check_endpoint, count_or_auto
+from lndrl.cli.options import TrustModules, check_device, check_endpoint, count_or_auto, trust
 from lndrl.cli.security import (
     Certificates,
     Namespace,
@@ -55,10 +55,12 @@ def actor(
             "--ledger", metavar="FILE", help="Append a JSON line per upload made and answered."
         ),
     ] = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Run actors that simulate worlds for a learner; the learner hands them the configuration."""
     check_endpoint(connect, "--connect")
     check_device(device)
+    trust(trust_modules)
     transport = client_transport(connect, namespace)
     security = connecting("actor", certs, user, password_file, zenoh)
     security.check(connect, listening=False)

@@ -13,8 +13,10 @@ from lndrl.cli.options import (
     RunName,
     Settings,
     Steps,
+    TrustModules,
     check_checkpoint,
     run_overrides,
+    trust,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.security import (
@@ -49,9 +51,11 @@ def learner(
     namespace: Namespace = None,
     zenoh: ZenohFile = None,
     insecure: Insecure = False,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Run only the learner; actors connect to it from anywhere."""
     check_checkpoint(checkpoint, resume)
+    trust(trust_modules)
     overrides = run_overrides(settings, steps, device, listen)
     overrides += transport_overrides(listen, router, namespace)
     chosen, folder = choose_run(config, run, resume, overrides)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.runs import RUNS
 from lndrl.errors import UserError
 
@@ -37,11 +38,13 @@ def sweep(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the learning curves.")
     ] = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Compare training settings over several seeds; a sweep that stopped goes on.
 
     Every variant is trained by lndrl train under every seed. Finished runs are kept.
     """
+    trust(trust_modules)
     from lndrl.evaluation.sweep import SweepFolder, load_sweep, sweep_figures
 
     chosen = load_sweep(file)

@@ -16,9 +16,11 @@ from lndrl.cli.options import (
     RunName,
     Settings,
     Steps,
+    TrustModules,
     check_checkpoint,
     count_or_auto,
     run_overrides,
+    trust,
 )
 from lndrl.cli.runs import choose_run
 from lndrl.cli.security import (
@@ -65,6 +67,7 @@ def train(
     namespace: Namespace = None,
     zenoh: ZenohFile = None,
     insecure: Insecure = False,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Train a policy on this machine: one learner and its actors."""
     network = {
@@ -79,6 +82,7 @@ def train(
         option = next(name for name, value in network.items() if value)
         raise UserError(f"{option} does not go with --serial, which nothing can attach to")
     check_checkpoint(checkpoint, resume)
+    trust(trust_modules)
     overrides = run_overrides(settings, steps, device, listen)
     overrides += transport_overrides(listen, None, namespace)
     if actors is not None:

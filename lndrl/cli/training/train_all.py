@@ -11,9 +11,11 @@ from lndrl.cli.options import (
     LearnerDevice,
     Listen,
     Steps,
+    TrustModules,
     count_or_auto,
     names_in,
     run_overrides,
+    trust,
 )
 from lndrl.errors import UserError
 
@@ -53,6 +55,7 @@ def train_all(
             help="The bench, with METHOD.yaml beside it; default: configs/benchmark.yaml.",
         ),
     ] = None,
+    trust_modules: TrustModules = None,
 ) -> None:
     """Train every learned method of the bench; what stopped goes on, what is done is kept.
 
@@ -63,6 +66,7 @@ def train_all(
         raise UserError("--listen does not go with --serial, which nothing can attach to")
     run_overrides(None, None, device, listen)  # refuses what no run could use
     _check_reach(listen)
+    trust(trust_modules)
     from lndrl.evaluation.benchmark import BENCHMARK, MethodsFolder, load_benchmark, method_runs
 
     file = spec or BENCHMARK

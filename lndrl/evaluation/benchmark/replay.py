@@ -20,8 +20,7 @@ from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
 from lndrl.evaluation.runner import BLOCK
 from lndrl.navigation import EpisodeRecord, Navigation, WorldSnapshot
 from lndrl.navigation.reward import angle_error, position_error
-from lndrl.planners import planner_source
-from lndrl.planners.factory import RULES
+from lndrl.planners import is_rule, planner_source
 from lndrl.world.contacts import Hit
 
 Floats = NDArray[np.float64]
@@ -176,15 +175,14 @@ class _Camera:
 
 
 def contender_named(spec: BenchmarkSpec, name: str, greedy: bool = False) -> Contender:
-    """A method of the bench, a rule, or what is in a run folder or weights file.
+    """A method of the bench, a rule, what is in a run folder or weights file, or module:Class.
 
-    The last is called like its folder. Raises UserError for an unknown name, with near ones, and
-    where there are no weights.
+    Weights are called like their folder, a class of one's own like the class. Raises UserError for
+    an unknown name, with near ones, and where there are no weights.
     """
-    if name not in spec.methods and (name in RULES or Path(name).exists()):
-        path = Path(name).resolve()
-        label = name if name in RULES else path.name if path.is_dir() else path.parent.name
-        return Contender(label, planner_source(name), "amcl", greedy)
+    if name not in spec.methods and (is_rule(name) or Path(name).exists()):
+        source = planner_source(name)
+        return Contender(source.label, source, "amcl", greedy)
     (found,), _ = contenders(spec, [name], greedy=greedy)
     return found
 

@@ -14,9 +14,9 @@ from pydantic import Field
 
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
+from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
 from lndrl.models import Model, effective, load_yaml, validate
-from lndrl.planners import PlannerSource, planner_source
-from lndrl.planners.factory import RULES
+from lndrl.planners import PlannerSource, is_rule, planner_source
 
 Localization = Literal["amcl", "perfect"]
 BENCHMARK = REPOSITORY_CONFIGS / "benchmark.yaml"
@@ -26,7 +26,12 @@ _BASE = REPOSITORY_CONFIGS / "lndrl.yaml"
 class Method(Model):
     """One row of the table."""
 
-    planner: str = Field(description="a rule such as dwa, a run folder or a weights file")
+    planner: str = Field(
+        description="a rule such as dwa, a run folder, a weights file, or module:Class"
+    )
+    settings: PartSettings = Field(
+        default_factory=dict, description="keyword arguments of a planner of your own"
+    )
     localization: Localization = "amcl"
 
 
@@ -55,7 +60,7 @@ class BenchmarkSpec(Model):
         there is no such file.
         """
         planner = self.methods[name].planner
-        if planner in RULES:
+        if is_rule(planner):
             return None
         sharing = [other for other, each in self.methods.items() if each.planner == planner]
         files = (folder / f"{each}.yaml" for each in (name, *sharing))
@@ -66,7 +71,7 @@ class BenchmarkSpec(Model):
 class Contender:
     """A method that can be tested: its planner has been found.
 
-    ``identity`` is the rule's name, or the digest of the weights.
+    ``identity`` is the rule's name, the digest of the weights, or of the file of a user's class.
     """
 
     name: str
@@ -79,6 +84,11 @@ class Contender:
         """What must not change while a table is filled."""
         if self.source.parameters is not None:
             return f"{self.source.name} {self.source.parameters.model_dump_json()}"
+        if self.source.own:
+            found = find(PLANNER, self.source.name)
+            assert found is not None
+            settings = json.dumps(self.source.settings, sort_keys=True)
+            return f"{self.source.name} {fingerprint(found)} {settings}"
         if self.source.weights is None:
             return self.source.name
         return hashlib.sha256(self.source.weights).hexdigest()[:16]
@@ -127,11 +137,12 @@ def contenders(
     missing: list[str] = []
     for name in choose(list(spec.methods), wanted, "method"):
         method = spec.methods[name]
-        if method.planner not in RULES and not Path(method.planner).exists() and wanted is None:
+        found_none = not is_rule(method.planner) and not Path(method.planner).exists()
+        if found_none and wanted is None:
             missing.append(name)
             continue
         try:
-            source = planner_source(method.planner)
+            source = planner_source(method.planner, method.settings)
             _check_layout(source, spec.config_of(name, configs))
         except UserError as error:
             raise UserError(f"method {name}: {error}") from None

@@ -12,7 +12,7 @@ from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
 from lndrl.evaluation.sweep import Run, RunsFolder, State
-from lndrl.planners.factory import RULES
+from lndrl.planners import is_rule
 
 RUNS = "runs"
 
@@ -94,7 +94,7 @@ def method_runs(
     method's own trains into ``runs/METHOD-seedN``. Raises UserError for an unknown method, one
     that is a rule, and one whose run or configuration cannot be told.
     """
-    learned = [name for name, method in spec.methods.items() if method.planner not in RULES]
+    learned = [name for name, method in spec.methods.items() if not is_rule(method.planner)]
     runs: dict[str, MethodRun] = {}
     for name in choose(list(spec.methods), wanted, "method") if wanted is not None else learned:
         if name not in learned:
@@ -130,9 +130,9 @@ def _method_run(
 def _difference(kept: RunConfig, wanted: RunConfig) -> tuple[str, str, str] | None:
     """The first key that decides what is learned and differs, with both values in words."""
     one, two = _flat(kept), _flat(wanted)
-    for key in one:
-        if one[key] != two.get(key):
-            return key, _words(one[key]), _words(two.get(key))
+    for key in {**one, **two}:
+        if one.get(key) != two.get(key):
+            return key, _words(one.get(key)), _words(two.get(key))
     return None
 
 

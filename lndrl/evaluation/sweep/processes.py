@@ -14,6 +14,7 @@ from pathlib import Path
 import lndrl
 from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
+from lndrl.extensions import trusted_modules
 
 
 class Trainer:
@@ -46,7 +47,7 @@ class Trainer:
     def _start(self, command: list[str], out: Path, log: Path) -> subprocess.Popen[bytes]:
         with out.open("ab" if out == log else "wb") as stdout, log.open("ab") as stderr:
             return subprocess.Popen(
-                [sys.executable, "-m", "lndrl", *command],
+                [sys.executable, "-m", "lndrl", *command, *trust_options()],
                 cwd=self._runs.path,
                 env=self.environment,
                 stdin=subprocess.DEVNULL,
@@ -124,15 +125,22 @@ class RealProcess:
             self.process.wait()
 
 
+def trust_options() -> list[str]:
+    """The options by which a child imports own parts from where this process does."""
+    return [part for name in trusted_modules() for part in ("--trust-modules", name)]
+
+
 def this_program() -> dict[str, str]:
     """The environment in which ``python -m lndrl`` is the program that runs now.
 
-    Whatever else is installed: a child's working folder is another.
+    Whatever else is installed: a child's working folder is another. Where this process trusts
+    modules, the child finds those of this working folder, too.
     """
     here = str(Path(lndrl.__file__).resolve().parents[1])
     inherited = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([here, inherited] if inherited else [here])
-    return os.environ | {"PYTHONPATH": path}
+    folders = [here, *([inherited] if inherited else [])]
+    folders += [str(Path.cwd())] if trusted_modules() else []
+    return os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
 
 
 def free_port() -> int:

@@ -75,6 +75,17 @@ def test_headers_that_do_not_fit_are_refused(fields, why: str) -> None:
     assert why in refusal(make_ingest(), **fields)
 
 
+def test_only_the_parts_of_the_run_s_own_reward_are_taken() -> None:
+    parts = dict.fromkeys((*REWARD_PARTS, "bonus"), 1.0)
+    made = {**EPISODE, "reward_parts": parts}
+    assert "reward_parts needs the keys" in refusal(make_ingest(), episodes=[made])
+    terms = {"bonus": {"use": "not_even_here:Bonus"}}  # the learner only names it
+    ingest = make_ingest(task={"reward": {"terms": terms}})
+    assert "reward_parts needs the keys" in refusal(ingest, episodes=[EPISODE])
+    arrays = random_trajectory(ingest.config, 1).to_arrays()
+    assert ingest.on_chunk(header(episodes=[made]), arrays, 1000).status == "accepted"
+
+
 def test_arrays_must_be_of_the_size_that_the_header_tells() -> None:
     ingest = make_ingest()
     for steps, worlds in ((9, 2), (8, 3), (1, 2)):

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from learner.run.record import Recorder, quiet_tensorboard
+from learner.run.record import EpisodeWindow, Recorder, quiet_tensorboard
 from lndrl.evaluation.run_metrics import read_metrics
+from lndrl.navigation import REWARD_PARTS, EpisodeRecord
 
 
 def row(update: int, **ppo: float) -> dict:
@@ -49,6 +50,18 @@ def test_a_row_cut_short_in_the_middle_is_left_out(tmp_path: Path) -> None:
     assert updates(tmp_path) == [1, 3]
     Recorder(tmp_path, 3).close()
     assert updates(tmp_path) == [1, 3]
+
+
+def test_own_reward_terms_have_columns_from_the_first_row_on(tmp_path: Path) -> None:
+    window = EpisodeWindow(0, ("keep_right",))
+    assert window.reward_parts() == dict.fromkeys((*REWARD_PARTS, "keep_right"))
+    parts = {**dict.fromkeys(REWARD_PARTS, 0.0), "keep_right": -3.0}
+    window.add([EpisodeRecord(0, 0, "lost", 1, 0.4, 0.1, 0.1, 0.1, 0.1, -3.0, parts)])
+    assert window.reward_parts()["keep_right"] == -3.0
+    recorder = Recorder(tmp_path, 0)
+    recorder.add({**row(1), "reward_parts": window.reward_parts()})
+    recorder.close()
+    assert read_metrics(tmp_path / "metrics.jsonl")[0]["reward_parts"]["keep_right"] == -3.0
 
 
 def test_numbers_that_are_none_become_null(tmp_path: Path) -> None:
