@@ -8,12 +8,25 @@ from typing import Annotated, overload
 
 import typer
 
+from lndrl.cli.completion import complete_configuration
 from lndrl.errors import UserError
 
-ConfigFile = Annotated[
-    Path | None,
+ConfigName = Annotated[
+    str | None,
     typer.Argument(
-        metavar="CONFIG", help="YAML file, e.g. configs/lndrl.yaml.", show_default=False
+        metavar="[CONFIG]",
+        help="Name of a configuration that comes with the program (lndrl config show lists them),"
+        " YAML file or run folder. [default: lndrl]",
+        show_default=False,
+        autocompletion=complete_configuration,
+    ),
+]
+BenchName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Another bench, a YAML file, with METHOD.yaml beside it. [default: benchmark]",
+        show_default=False,
     ),
 ]
 RunName = Annotated[

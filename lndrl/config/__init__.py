@@ -5,6 +5,7 @@ Every number of the paper stands here once, as a default with its source, or in 
 "GROUP" is the code of the same group.
 """
 
+from lndrl.config.keys import Key, find_keys, flatten, keys
 from lndrl.config.learning import (
     ActorConfig,
     LearnerConfig,
@@ -15,20 +16,23 @@ from lndrl.config.learning import (
 from lndrl.config.localization import LocalizationConfig
 from lndrl.config.run import (
     FIXED_ACTORS,
-    REPOSITORY_CONFIGS,
     RunConfig,
     load_config,
     load_scenario,
     parse_config,
 )
+from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, TaskConfig
 from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
 
 __all__ = [
+    "DEFAULTS",
     "FIXED_ACTORS",
     "REPOSITORY_CONFIGS",
     "ActorConfig",
     "CrowdConfig",
+    "Key",
+    "Kind",
     "LaserConfig",
     "LearnerConfig",
     "LocalizationConfig",
@@ -39,7 +43,12 @@ __all__ = [
     "TaskConfig",
     "TransportConfig",
     "WorldConfig",
+    "find",
+    "find_keys",
+    "flatten",
+    "keys",
     "load_config",
     "load_scenario",
     "parse_config",
+    "shipped",
 ]

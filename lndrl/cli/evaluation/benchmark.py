@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lndrl.cli.options import names_in
+from lndrl.cli.options import BenchName, names_in
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -46,9 +46,7 @@ def benchmark(
         int | None,
         typer.Option(metavar="W", help="Processes; default: one per core; 0: none but this."),
     ] = None,
-    spec: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Default: configs/benchmark.yaml.")
-    ] = None,
+    spec: BenchName = None,
     json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
 ) -> None:
     """Test methods in scenarios and show the paper's table beside ours.
@@ -59,8 +57,8 @@ def benchmark(
         raise UserError(f"--episodes {episodes}: must be 1 or more")
     if workers is not None and workers < 0:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import (
-        BENCHMARK,
         IDENTITY,
         Identity,
         Plan,
@@ -71,7 +69,7 @@ def benchmark(
         load_benchmark,
     )
 
-    file = spec or BENCHMARK
+    file = find("bench", spec or DEFAULTS["bench"])
     bench = load_benchmark(file)
     folder = ResultsFolder(RESULTS / name)
     places = choose(bench.scenarios, names_in(scenarios), "scenario")

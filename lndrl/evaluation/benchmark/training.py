@@ -114,7 +114,7 @@ def _method_run(
     planner = Path(spec.methods[name].planner)
     if planner.parent != Path(RUNS) or planner.is_file():
         raise UserError(f"method {name}: planner {planner} is no folder {RUNS}/NAME to train into")
-    file = spec.config_of(name, configs)
+    file = spec.config_of(name, configs) or spec.config_of(name)  # else the program's own
     if file is None:
         raise UserError(f"method {name}: its configuration {configs / name}.yaml does not exist")
     # What the bench sets for tests does not hold in training: paid for a pose that is heard late, a

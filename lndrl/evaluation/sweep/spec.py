@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
+from lndrl.config import DEFAULTS, RunConfig, find, load_config
 from lndrl.errors import UserError
 from lndrl.models import Count, Model, load_yaml, validate
 
@@ -44,8 +44,9 @@ class VariantSpec(Model):
 class SweepSpec(Model):
     """A sweep's file."""
 
-    config: str | None = Field(
-        None, description="the base, relative to this file or the working folder; lndrl.yaml"
+    config: str = Field(
+        DEFAULTS["configuration"],
+        description="the base: a name, or a file relative to this one or to the working folder",
     )
     set: list[str] = Field([], description="key=value for every run, the base's too")
     start: str | None = Field(
@@ -139,7 +140,10 @@ def load_sweep(file: Path) -> Sweep:
     if not _NAME.fullmatch(file.stem):
         raise UserError(f"{file}: the name must be letters, digits, '.', '_' and '-'")
     spec = validate(SweepSpec, load_yaml(file), str(file))
-    base = _base_file(file, spec)
+    try:
+        base = find("configuration", spec.config, file.parent)
+    except UserError as error:
+        raise UserError(f"{file}: config: {error}") from None
     variants = [_variant(file, spec, base, BASE, (), "the configuration as it is")]
     for name, each in spec.variants.items():
         variant = _variant(file, spec, base, name, tuple(each.set), each.why)
@@ -153,13 +157,6 @@ def load_sweep(file: Path) -> Sweep:
         if names.count(name) > 1:
             raise UserError(f"{file}: two runs would be called {name}; rename a variant")
     return sweep
-
-
-def _base_file(file: Path, spec: SweepSpec) -> Path:
-    if spec.config is None:
-        return REPOSITORY_CONFIGS / "lndrl.yaml"
-    beside = file.parent / spec.config
-    return beside if beside.exists() else Path(spec.config)
 
 
 def _variant(
