@@ -17,7 +17,7 @@ ARGS ?=
 WORKERS ?= 2
 PYTEST ?=
 
-.PHONY: help install references train train-all test check format clean lock
+.PHONY: help install references train train-all test check format schemas clean lock
 
 help:
 	@echo "make install   .venv with the exact versions of requirements.lock"
@@ -27,6 +27,7 @@ help:
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
 	@echo "make check     format, lint, types, tests: what every change must pass"
 	@echo "make format    format the code"
+	@echo "make schemas   rewrite configs/schemas, when a key comes or changes"
 	@echo "make clean     remove caches and builds, keep .venv and runs"
 	@echo "make lock      rewrite requirements.lock from what pyproject.toml allows today"
 
@@ -60,6 +61,12 @@ check: install
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(MAKE) --no-print-directory test
+
+# What editors check the files in configs by; to be renewed when a key comes or changes.
+schemas: install
+	mkdir -p configs/schemas
+	for kind in configuration scenario sweep bench calibration; do \
+		$(BIN)/lndrl config schema $$kind > configs/schemas/$$kind.json || exit 1; done
 
 format: install
 	$(BIN)/ruff check --fix-only --quiet .

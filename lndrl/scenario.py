@@ -52,7 +52,7 @@ class Route(Model):
 
 
 class Pedestrians(Model):
-    """The crowd (parameters §4.5). On maps and random layouts routes are found by themselves."""
+    """The crowd (GROUP). On maps and random layouts routes are found by themselves."""
 
     count: tuple[int, int] = Field((12, 16), description="fewest and most, drawn per episode")
     routes: list[Route] = Field(
@@ -134,7 +134,7 @@ class Scenario(Model):
     map: str | None = Field(None, description="ROS map_server YAML, relative to this file")
     cells: MapCells | None = Field(None, description="filled in when the map is read")
     random: RandomLayouts | None = Field(None, description="of kind random; default: all defaults")
-    pedestrians: Pedestrians = Field(Pedestrians(), description="who walks there (§4.5)")
+    pedestrians: Pedestrians = Field(Pedestrians(), description="who walks there")
     robot: list[RobotTask] = Field(
         default_factory=list,
         description="regions that the robot starts in and goes to; on maps and random layouts "

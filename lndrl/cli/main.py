@@ -35,6 +35,7 @@ SUMMARIES = {
     "play": "Draw an episode of a policy as a picture or an animation.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
+    "config": "Show, compare and explain configurations.",
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
     "curves": "Draw a run's learning curves and write them as a table.",
@@ -103,7 +104,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-app = typer.Typer(name="lndrl", cls=LazyCommands, add_completion=False)
+app = typer.Typer(name="lndrl", cls=LazyCommands)
 
 
 @app.callback(help="Train robots that walk through crowds and keep knowing where they are.")

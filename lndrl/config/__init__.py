@@ -1,11 +1,10 @@
 """The whole run as frozen, validated, documented models; YAML in and out.
 
 Every number of the paper stands here once, as a default with its source, or in ``configs/``.
-"PAPER" is LNDRL (arXiv 2303.12354); "LAUNCH" is the AMCL launch file its authors published;
-"GROUP" is the code of the same group.
+``keys.SOURCES`` says what its sources are called.
 """
 
-from lndrl.config.keys import Key, find_keys, flatten, keys
+from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
 from lndrl.config.learning import (
     ActorConfig,
     LearnerConfig,
@@ -29,6 +28,7 @@ __all__ = [
     "DEFAULTS",
     "FIXED_ACTORS",
     "REPOSITORY_CONFIGS",
+    "SOURCES",
     "ActorConfig",
     "CrowdConfig",
     "Key",

@@ -16,6 +16,13 @@ from lndrl.config.run import RunConfig
 from lndrl.errors import UserError
 from lndrl.models import Model
 
+SOURCES = {
+    "PAPER": "LNDRL, arXiv 2303.12354",
+    "LAUNCH": "the AMCL launch file that its authors published",
+    "GROUP": "the code of the same group, which the paper refers to",
+}
+"""Where numbers come from, as descriptions say it in brackets; with a number, theirs is that."""
+
 _LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
 

@@ -18,7 +18,7 @@ class NetworkConfig(Model):
         (64, 128, 256), description="of the three convolutions over the pedestrian map (PAPER)"
     )
     scan_encoder: Literal["lndrl", "fan"] = Field(
-        "lndrl", description="the paper's, or that of DRL_laser for several scans (§7.1)"
+        "lndrl", description="the paper's, or that of DRL_laser for several scans (Fan et al.)"
     )
     pedestrian_map: bool = Field(True, description="False: people are seen in the scan alone")
     variances: bool = Field(True, description="False: the goal without the belief's variances")

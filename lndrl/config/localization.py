@@ -131,10 +131,10 @@ class LocalizationConfig(Model):
         0.17453292519943295, description="rad, the bins' third side, 10 degrees (ROS)"
     )
     initial_deviation_xy: NonNegative = Field(
-        0.05, description="m, of x and y at episode start (§5.2)"
+        0.05, description="m, of x and y at episode start (ours)"
     )
     initial_deviation_yaw: NonNegative = Field(
-        0.05235987755982988, description="rad at episode start, 3 degrees (§5.2)"
+        0.05235987755982988, description="rad at episode start, 3 degrees (ours)"
     )
     initial_cov_xx: NonNegative | None = Field(
         None, description="m^2, replaces the deviation; 0.25 in ROS"

@@ -19,7 +19,7 @@ class RewardConfig(Model):
     arrive: float = Field(500.0, description="r_arr, when it arrives")
     collide: float = Field(-800.0, description="r_col, when it hits something")
     lost: float = Field(-500.0, description="r_lost, when truth and estimate are too far apart")
-    step: float = Field(-5.0, description="r_step, every step; '<' in the paper is a typo (§6)")
+    step: float = Field(-5.0, description="r_step, every step; '<' in the paper is a typo")
 
 
 class TaskConfig(Model):
@@ -39,9 +39,9 @@ class TaskConfig(Model):
     lost_angle: Positive = Field(
         0.7853981633974483, description="rad, truth to estimate: lost; pi/4 (PAPER)"
     )
-    time_limit: Positive = Field(60.0, description="s, then an episode is truncated (§4.6)")
+    time_limit: Positive = Field(60.0, description="s, then an episode is truncated (GROUP)")
     scan_frames: Annotated[int, Field(ge=1, le=8)] = Field(
-        1, description="scans of consecutive control steps that are seen together (§7.1)"
+        1, description="scans of consecutive control steps that are seen together (Fan et al. 2020)"
     )
     map_cells: Count = Field(48, description="cells per side of the pedestrian map (PAPER)")
     map_extent: Positive = Field(6.0, description="m per side of the pedestrian map (GROUP)")
@@ -49,5 +49,7 @@ class TaskConfig(Model):
     max_pedestrians: Count = Field(
         24, le=255, description="nearest people in view that are kept; one byte on the wire"
     )
-    variance_limit: Positive = Field(10.0, description="variances are clipped here (§4.4)")
+    variance_limit: Positive = Field(
+        10.0, description="m^2 and rad^2 at which variances are clipped (ours)"
+    )
     reward: RewardConfig = Field(RewardConfig(), description="what it is paid (PAPER §III-A3)")

@@ -29,7 +29,7 @@ class LaserConfig(Model):
 
 
 class CrowdConfig(Model):
-    """How pedestrians move (GROUP, parameters §4.5)."""
+    """How pedestrians move (GROUP)."""
 
     max_speed: Positive = Field(0.5, description="m/s, the most that anybody walks (GROUP)")
     orca_neighbor_distance: Positive = Field(
