@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 the work failed, 2 the input must be mended (one sentence 
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import sys
@@ -141,6 +142,9 @@ def main() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, terminate)
+    # Processes that are started from here look for modules where this one does; Python would look
+    # in the working folder first, which may hold a learner.py of the user's.
+    os.environ["PYTHONSAFEPATH"] = "1"
     code = run(sys.argv[1:])
     sys.exit(128 + received[0] if received and code == 128 + signal.SIGINT else code)
 
@@ -171,7 +175,3 @@ def _spread_lists(arguments: Iterable[str]) -> Iterator[str]:
 def _refuse(speaker: str, message: str) -> int:
     print(f"{speaker}: {' '.join(message.split())}", file=sys.stderr)
     return 2
-
-
-if __name__ == "__main__":
-    main()

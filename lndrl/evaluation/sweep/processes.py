@@ -127,12 +127,12 @@ class RealProcess:
 def this_program() -> dict[str, str]:
     """The environment in which ``python -m lndrl`` is the program that runs now.
 
-    Whatever else is installed: a child's working folder is another.
+    Whatever else is installed, and whatever lies in the child's working folder, which is another.
     """
     here = str(Path(lndrl.__file__).resolve().parents[1])
     inherited = os.environ.get("PYTHONPATH")
     path = os.pathsep.join([here, inherited] if inherited else [here])
-    return os.environ | {"PYTHONPATH": path}
+    return os.environ | {"PYTHONPATH": path, "PYTHONSAFEPATH": "1"}
 
 
 def free_port() -> int:
