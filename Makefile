@@ -1,6 +1,10 @@
-# Needs Python 3.11 and make, nothing else: every target makes .venv from the lock file first.
+# Needs Python 3.11 or later and make, nothing else: every target makes .venv from the lock first.
 
-PYTHON ?= python3.11
+# The newest that runs and can make an environment; a name alone says neither (pyenv's shims, Debian
+# without python3-venv). Not read before .venv is made.
+PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
+	"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' \
+	2>/dev/null && echo "$$python" && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
@@ -34,8 +38,7 @@ help:
 install: $(STAMP)
 
 $(STAMP): requirements.lock pyproject.toml
-	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing; install Python 3.11 or say make PYTHON=..." >&2; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	test -x $(BIN)/python || $(or $(PYTHON),$(error no Python from 3.11 on runs here; install one or say make PYTHON=...)) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
