@@ -8,7 +8,7 @@ from typing import Annotated, overload
 
 import typer
 
-from lndrl.cli.completion import complete_configuration
+from lndrl.cli.completion import complete_configuration, complete_scenario, complete_setting
 from lndrl.errors import UserError
 
 ConfigName = Annotated[
@@ -19,6 +19,14 @@ ConfigName = Annotated[
         " YAML file or run folder. [default: lndrl]",
         show_default=False,
         autocompletion=complete_configuration,
+    ),
+]
+ScenarioName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="S",
+        help="Name or YAML file; default: what was trained on.",
+        autocompletion=complete_scenario,
     ),
 ]
 BenchName = Annotated[
@@ -36,7 +44,10 @@ RunName = Annotated[
 Settings = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a key of the configuration, e.g. ppo.epochs=4."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the configuration, e.g. ppo.epochs=4.",
+        autocompletion=complete_setting,
     ),
 ]
 Steps = Annotated[

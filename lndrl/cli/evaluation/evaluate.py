@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from lndrl.cli.options import ScenarioName
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -26,10 +27,7 @@ def evaluate(
             help="Run folder, weights file, 'random', 'straight' or 'dwa'; several are compared.",
         ),
     ],
-    scenario: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="Name or YAML file; default: what was trained on."),
-    ] = None,
+    scenario: ScenarioName = None,
     episodes: Annotated[int, typer.Option(metavar="N", help="Episodes per planner.")] = 200,
     seed: Annotated[
         int, typer.Option(metavar="SEED", help="Same seed, same episodes for every planner.")

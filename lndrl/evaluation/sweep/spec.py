@@ -53,13 +53,15 @@ class SweepSpec(Model):
         None, description="run folder whose networks every run begins with; from the working folder"
     )
     steps: Count = Field(description="environment steps per run")
-    seeds: list[Seed] = Field(min_length=1)
+    seeds: list[Seed] = Field(min_length=1, description="every variant is trained under each")
     episodes: Annotated[int, Field(ge=0)] = Field(
         0, description="test episodes of every final policy; 0: none"
     )
     greedy: bool = Field(False, description="test the likeliest action instead of sampling")
     serial: bool = Field(False, description="one process per run: same bits every time")
-    variants: dict[str, VariantSpec] = Field(min_length=1)
+    variants: dict[str, VariantSpec] = Field(
+        min_length=1, description="changes by name; the base itself is trained, too"
+    )
 
     @field_validator("seeds")
     @classmethod
