@@ -1,6 +1,10 @@
-# Needs Python 3.11 and make, nothing else: every target makes .venv from the lock file first.
+# Needs Python 3.11 or later and make, nothing else: every target makes .venv from the lock first.
 
-PYTHON ?= python3.11
+# The newest that runs and can make an environment; a name alone says neither (pyenv's shims, Debian
+# without python3-venv). Not read before .venv is made.
+PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
+	"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' \
+	2>/dev/null && echo "$$python" && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
@@ -17,7 +21,7 @@ ARGS ?=
 WORKERS ?= 2
 PYTEST ?=
 
-.PHONY: help install references train train-all test check format clean lock
+.PHONY: help install references train train-all test check format schemas clean lock
 
 help:
 	@echo "make install   .venv with the exact versions of requirements.lock"
@@ -27,14 +31,14 @@ help:
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
 	@echo "make check     format, lint, types, tests: what every change must pass"
 	@echo "make format    format the code"
+	@echo "make schemas   rewrite configs/schemas, when a key comes or changes"
 	@echo "make clean     remove caches and builds, keep .venv and runs"
 	@echo "make lock      rewrite requirements.lock from what pyproject.toml allows today"
 
 install: $(STAMP)
 
 $(STAMP): requirements.lock pyproject.toml
-	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing; install Python 3.11 or say make PYTHON=..." >&2; exit 1; }
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	test -x $(BIN)/python || $(or $(PYTHON),$(error no Python from 3.11 on runs here; install one or say make PYTHON=...)) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -60,6 +64,12 @@ check: install
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(MAKE) --no-print-directory test
+
+# What editors check the files in configs by; to be renewed when a key comes or changes.
+schemas: install
+	mkdir -p configs/schemas
+	for kind in configuration scenario sweep bench calibration; do \
+		$(BIN)/lndrl config schema $$kind > configs/schemas/$$kind.json || exit 1; done
 
 format: install
 	$(BIN)/ruff check --fix-only --quiet .

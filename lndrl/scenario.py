@@ -47,18 +47,21 @@ class Obstacle(Model):
 class Route(Model):
     """Where some pedestrians walk: from one region through waypoints to another."""
 
-    start: Box
-    goal: Box
+    start: Box = Field(description="where they begin: x_min, y_min, x_max, y_max (m)")
+    goal: Box = Field(description="where they go: x_min, y_min, x_max, y_max (m)")
     via: list[Point] = Field(default_factory=list, description="waypoints between (m)")
     weight: float = Field(1.0, gt=0, description="relative share of pedestrians on this route")
     both_ways: bool = Field(True, description="half of them walk it in reverse")
 
 
 class Pedestrians(Model):
-    """The crowd (parameters §4.5). On maps and random layouts routes are found by themselves."""
+    """The crowd (GROUP). On maps and random layouts routes are found by themselves."""
 
     count: tuple[int, int] = Field((12, 16), description="fewest and most, drawn per episode")
-    routes: list[Route] = Field(default_factory=list)
+    routes: list[Route] = Field(
+        default_factory=list,
+        description="ways between two regions; on maps and random layouts found by themselves",
+    )
     orca: Probability = Field(0.5, description="chance that a pedestrian uses ORCA, else SFM")
     shuttle: Probability = Field(0.5, description="chance to walk back and forth, else to stay")
 
@@ -72,8 +75,8 @@ class Pedestrians(Model):
 class RobotTask(Model):
     """One pair of regions that the robot's start and goal are drawn from."""
 
-    start: Box
-    goal: Box
+    start: Box = Field(description="where it starts: x_min, y_min, x_max, y_max (m)")
+    goal: Box = Field(description="where it goes: x_min, y_min, x_max, y_max (m)")
     weight: float = Field(1.0, gt=0, description="relative share of episodes")
     both_ways: bool = Field(True, description="half of the episodes swap start and goal")
 
@@ -85,8 +88,8 @@ class MapCells(Model):
     resumed when the map has moved.
     """
 
-    rows: Count
-    columns: Count
+    rows: Count = Field(description="cells along y, the lowest row first")
+    columns: Count = Field(description="cells along x")
     origin: Point = Field(description="map frame position of the lower left corner (m)")
     data: str = Field(description="base64 of deflated bytes: 0 free, 1 occupied, 2 unknown")
 
@@ -94,10 +97,10 @@ class MapCells(Model):
 class Mix(Model):
     """How often each kind of ground occurs in random layouts, relative to the others."""
 
-    rooms: NonNegative = 1.0
-    corridors: NonNegative = 1.0
-    clutter: NonNegative = 1.0
-    open: NonNegative = 1.0
+    rooms: NonNegative = Field(1.0, description="weight of rooms behind doors")
+    corridors: NonNegative = Field(1.0, description="weight of corridors")
+    clutter: NonNegative = Field(1.0, description="weight of ground full of obstacles")
+    open: NonNegative = Field(1.0, description="weight of nearly empty ground")
 
     @model_validator(mode="after")
     def _some(self) -> Mix:
@@ -111,7 +114,7 @@ class RandomLayouts(Model):
 
     seed: int = Field(1, ge=0, description="another seed, other layouts")
     layouts: Count = Field(1000, description="how many different ones worlds are spread over")
-    mix: Mix = Mix()
+    mix: Mix = Field(Mix(), description="how often each kind of ground occurs")
     generator: Annotated[PartName, LATER] = Field(
         BLOCKS, description="blocks, or a class of your own (docs/extend/scenario.md)"
     )
@@ -131,20 +134,28 @@ class RandomLayouts(Model):
 class Scenario(Model):
     """A place to navigate; ``kind`` decides which of the fields it may have."""
 
-    name: str
-    description: str = ""
+    name: str = Field(description="what tables and pictures call the place")
+    description: str = Field("", description="one line that lndrl scenarios shows")
     version: int = Field(0, ge=0, description="raised when a place that results name changes")
-    kind: Literal["geometry", "map", "random"] = "geometry"
+    kind: Literal["geometry", "map", "random"] = Field(
+        "geometry",
+        description="geometry lists its obstacles, map names a ROS map, random stands for endless "
+        "generated layouts",
+    )
     size: Point = Field((0.0, 0.0), description="width and height (m); a map has its own")
     resolution: float = Field(0.05, gt=0, le=0.5, description="grid cell (m); a map has its own")
     wall: float = Field(0.1, ge=0, description="thickness of the outer walls (m), 0 for none")
-    obstacles: list[Obstacle] = Field(default_factory=list)
+    obstacles: list[Obstacle] = Field(
+        default_factory=list, description="of kind geometry: what stands inside the outer walls"
+    )
     map: str | None = Field(None, description="ROS map_server YAML, relative to this file")
     cells: MapCells | None = Field(None, description="filled in when the map is read")
     random: RandomLayouts | None = Field(None, description="of kind random; default: all defaults")
-    pedestrians: Pedestrians = Pedestrians()
+    pedestrians: Pedestrians = Field(Pedestrians(), description="who walks there")
     robot: list[RobotTask] = Field(
-        default_factory=list, description="on maps and random layouts found, if none is given"
+        default_factory=list,
+        description="regions that the robot starts in and goes to; on maps and random layouts "
+        "found, if none is given",
     )
     start_goal_distance: tuple[float, float] | None = Field(
         None,

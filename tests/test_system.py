@@ -40,6 +40,9 @@ class Desk:
         self.folder = folder
         self.endpoint = free_endpoint()
         self.processes: list[subprocess.Popen[str]] = []
+        # A user's own modules of our names must not stand in for ours, in any process.
+        for name in ("learner", "actors"):
+            (folder / f"{name}.py").write_text("raise SystemExit(f'{__file__} was imported')\n")
         (folder / "small.yaml").write_text(yaml.safe_dump(SMALL))
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:

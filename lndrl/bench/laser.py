@@ -13,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig
-from lndrl.maps import OccupancyGrid, clearance, distance_field
+from lndrl.maps import OccupancyGrid, distance_field
 from lndrl.maps.edges import ray_map
-from lndrl.maps.raycast import cast_ray
+from lndrl.maps.raycast import cast_ray, clearance
 from lndrl.randomness import stream_state
 from lndrl.world.laser import Laser, beams_of, noisy_scan, trace
 

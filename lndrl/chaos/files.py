@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from lndrl.config import load_config, parse_config
-from lndrl.config.run import REPOSITORY_CONFIGS, load_scenario
+from lndrl.config import REPOSITORY_CONFIGS, load_config, load_scenario, parse_config
 from lndrl.errors import UserError
 from lndrl.maps.ros_map import load_ros_map
 from lndrl.policy import load_policy

@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 the work failed, 2 the input must be mended (one sentence 
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import sys
@@ -35,6 +36,7 @@ SUMMARIES = {
     "play": "Draw an episode of a policy as a picture or an animation.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
+    "config": "Show, compare and explain configurations.",
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
     "curves": "Draw a run's learning curves and write them as a table.",
@@ -103,7 +105,7 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-app = typer.Typer(name="lndrl", cls=LazyCommands, add_completion=False)
+app = typer.Typer(name="lndrl", cls=LazyCommands)
 
 
 @app.callback(help="Train robots that walk through crowds and keep knowing where they are.")
@@ -140,6 +142,9 @@ def main() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, terminate)
+    # Processes that are started from here look for modules where this one does; Python would look
+    # in the working folder first, which may hold a learner.py of the user's.
+    os.environ["PYTHONSAFEPATH"] = "1"
     code = run(sys.argv[1:])
     sys.exit(128 + received[0] if received and code == 128 + signal.SIGINT else code)
 
@@ -170,7 +175,3 @@ def _spread_lists(arguments: Iterable[str]) -> Iterator[str]:
 def _refuse(speaker: str, message: str) -> int:
     print(f"{speaker}: {' '.join(message.split())}", file=sys.stderr)
     return 2
-
-
-if __name__ == "__main__":
-    main()

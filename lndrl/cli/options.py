@@ -9,12 +9,33 @@ from typing import Annotated, Any, overload
 
 import typer
 
+from lndrl.cli.completion import complete_configuration, complete_scenario, complete_setting
 from lndrl.errors import UserError
 
-ConfigFile = Annotated[
-    Path | None,
+ConfigName = Annotated[
+    str | None,
     typer.Argument(
-        metavar="CONFIG", help="YAML file, e.g. configs/lndrl.yaml.", show_default=False
+        metavar="[CONFIG]",
+        help="Name of a configuration that comes with the program (lndrl config show lists them),"
+        " YAML file or run folder. [default: lndrl]",
+        show_default=False,
+        autocompletion=complete_configuration,
+    ),
+]
+ScenarioName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="S",
+        help="Name or YAML file; default: what was trained on.",
+        autocompletion=complete_scenario,
+    ),
+]
+BenchName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Another bench, a YAML file, with METHOD.yaml beside it. [default: benchmark]",
+        show_default=False,
     ),
 ]
 RunName = Annotated[
@@ -24,7 +45,10 @@ RunName = Annotated[
 Settings = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a key of the configuration, e.g. ppo.epochs=4."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the configuration, e.g. ppo.epochs=4.",
+        autocompletion=complete_setting,
     ),
 ]
 Steps = Annotated[

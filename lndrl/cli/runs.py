@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from lndrl.config import RunConfig, load_config
+from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.scenario import BLOCKS
 
@@ -20,22 +20,23 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 def choose_run(
-    config_file: Path | None, name: str | None, resume: bool, overrides: Sequence[str]
+    config_name: str | None, name: str | None, resume: bool, overrides: Sequence[str]
 ) -> tuple[RunConfig, Path]:
     """Configuration and folder of a new run, or of the run that is resumed.
 
-    A resumed run takes its configuration from its own ``config.yaml``; ``overrides`` apply to
-    either. Raises UserError when the folder exists (or, resumed, does not), for what
-    ``load_config`` refuses, and for a scenario whose regions leave the robot no room.
+    ``config_name`` is what ``load_config`` takes, by default lndrl. A resumed run takes its
+    configuration from its own ``config.yaml``; ``overrides`` apply to either. Raises UserError
+    when the folder exists (or, resumed, does not), for what ``load_config`` refuses, and for a
+    scenario whose regions leave the robot no room.
     """
     if name is not None and not _NAME.fullmatch(name):
         raise UserError(
             f"--run {name}: must be one folder name of letters, digits, '.', '_' and '-'"
         )
     if resume:
-        config, folder = _resumed(config_file, name, overrides)
+        config, folder = _resumed(config_name, name, overrides)
     else:
-        config, folder = _new(config_file, name, overrides)
+        config, folder = _new(config_name or DEFAULTS["configuration"], name, overrides)
     _check_place(config)
     return config, folder
 
@@ -52,13 +53,9 @@ def _check_place(config: RunConfig) -> None:
     Place.build(config.scenario, config.world.robot_radius)
 
 
-def _new(
-    config_file: Path | None, name: str | None, overrides: Sequence[str]
-) -> tuple[RunConfig, Path]:
-    if config_file is None:
-        raise UserError("the configuration is missing; name a file, e.g. configs/lndrl.yaml")
-    config = load_config(config_file, list(overrides))
-    folder = RUNS / (name or f"{config_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
+def _new(config_name: str, name: str | None, overrides: Sequence[str]) -> tuple[RunConfig, Path]:
+    config = load_config(config_name, list(overrides))
+    folder = RUNS / (name or f"{Path(config_name).stem}-{datetime.now():%Y%m%d-%H%M%S}")
     if folder.exists():
         raise UserError(
             f"{folder} exists already; continue it with --resume or choose another --run NAME"
@@ -67,7 +64,7 @@ def _new(
 
 
 def _resumed(
-    config_file: Path | None, name: str | None, overrides: Sequence[str]
+    config_name: str | None, name: str | None, overrides: Sequence[str]
 ) -> tuple[RunConfig, Path]:
     if name is None:
         raise UserError(f"--resume needs --run NAME; {_known()}")
@@ -75,10 +72,10 @@ def _resumed(
     if not folder.is_dir():
         raise UserError(f"{folder} does not exist, so it cannot be resumed; {_known()}")
     own = folder / "config.yaml"
-    if config_file is not None:
-        given, kept = load_config(config_file), load_config(own)
+    if config_name is not None:
+        given, kept = load_config(config_name), load_config(own)
         if given.content_hash() != kept.content_hash():
-            print(f"note: {folder} goes on with its own {own}, not {config_file}", file=sys.stderr)
+            print(f"note: {folder} goes on with its own {own}, not {config_name}", file=sys.stderr)
     return load_config(own, list(overrides)), folder
 
 

@@ -1,10 +1,10 @@
 """The whole run as frozen, validated, documented models; YAML in and out.
 
 Every number of the paper stands here once, as a default with its source, or in ``configs/``.
-"PAPER" is LNDRL (arXiv 2303.12354); "LAUNCH" is the AMCL launch file its authors published;
-"GROUP" is the code of the same group.
+``keys.SOURCES`` says what its sources are called.
 """
 
+from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
 from lndrl.config.learning import (
     ActorConfig,
     LearnerConfig,
@@ -15,20 +15,24 @@ from lndrl.config.learning import (
 from lndrl.config.localization import LocalizationConfig
 from lndrl.config.run import (
     FIXED_ACTORS,
-    REPOSITORY_CONFIGS,
     RunConfig,
     load_config,
     load_scenario,
     parse_config,
 )
+from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
 from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
 
 __all__ = [
+    "DEFAULTS",
     "FIXED_ACTORS",
     "REPOSITORY_CONFIGS",
+    "SOURCES",
     "ActorConfig",
     "CrowdConfig",
+    "Key",
+    "Kind",
     "LaserConfig",
     "LearnerConfig",
     "LocalizationConfig",
@@ -40,7 +44,12 @@ __all__ = [
     "TaskConfig",
     "TransportConfig",
     "WorldConfig",
+    "find",
+    "find_keys",
+    "flatten",
+    "keys",
     "load_config",
     "load_scenario",
     "parse_config",
+    "shipped",
 ]

@@ -27,7 +27,9 @@ class NetworkConfig(Model):
     )
 
     pooling: Literal["max", "none"] = Field("max", description="2x2 after each map convolution")
-    map_channels: tuple[int, int, int] = (64, 128, 256)
+    map_channels: tuple[int, int, int] = Field(
+        (64, 128, 256), description="of the three convolutions over the pedestrian map (PAPER)"
+    )
     scan_encoder: PartName = Field(
         BUILT_IN,
         description="lndrl: the paper's; fan: that of DRL_laser for several scans (§7.1); or a "
@@ -44,8 +46,8 @@ class NetworkConfig(Model):
     )
     pedestrian_map: bool = Field(True, description="False: people are seen in the scan alone")
     variances: bool = Field(True, description="False: the goal without the belief's variances")
-    features: Count = Field(512, description="units of map encoder, scan encoder and trunk")
-    goal_features: Count = 64
+    features: Count = Field(512, description="units of map encoder, scan encoder, trunk (PAPER)")
+    goal_features: Count = Field(64, description="units of the goal's encoder (PAPER)")
     initialization: Literal["orthogonal", "default"] = Field(
         "orthogonal", description="orthogonal with a small policy head, or torch's default (GROUP)"
     )
@@ -74,36 +76,65 @@ class NetworkConfig(Model):
 class PPOConfig(Model):
     """Proximal policy optimization."""
 
-    actor_learning_rate: Positive = 3e-4
-    critic_learning_rate: Positive = 3e-4
-    learning_rate_schedule: Literal["constant", "linear"] = "linear"
-    gamma: Probability = 0.99
-    gae_lambda: Probability = 0.95
-    clip: Positive = 0.2
-    dual_clip: float | None = Field(None, gt=1, description="lower bound for negative advantages")
-    epochs: Count = 4
-    batch_size: Count = Field(1024, description="samples per update, at least")
-    minibatch_size: Count | None = Field(256, description="None: one full-batch step per epoch")
-    entropy: NonNegative = 0.01
-    value_loss: Positive = 0.5
-    gradient_norm: Positive = Field(0.5, description="clip, actor and critic apart")
+    actor_learning_rate: Positive = Field(3e-4, description="Adam's step, policy (GROUP 5e-5)")
+    critic_learning_rate: Positive = Field(3e-4, description="Adam's step, value (GROUP 1e-3)")
+    learning_rate_schedule: Literal["constant", "linear"] = Field(
+        "linear", description="linear: to 0 over learner.total_steps (GROUP constant)"
+    )
+    gamma: Probability = Field(0.99, description="discount per control step (GROUP)")
+    gae_lambda: Probability = Field(
+        0.95, description="decay of later errors in generalized advantage estimation (GROUP)"
+    )
+    clip: Positive = Field(
+        0.2, description="a ratio of probabilities farther from 1 gains nothing more (GROUP)"
+    )
+    dual_clip: float | None = Field(
+        None,
+        gt=1,
+        description="where an advantage is negative, the objective is at least this times it "
+        "(Ye et al. 2020; GROUP 3)",
+    )
+    epochs: Count = Field(4, description="passes over a batch (GROUP 10)")
+    batch_size: Count = Field(1024, description="samples per update, at least (GROUP)")
+    minibatch_size: Count | None = Field(
+        256, description="samples per gradient step; null: the whole batch (GROUP)"
+    )
+    entropy: NonNegative = Field(0.01, description="weight of the policy's entropy (GROUP 0)")
+    value_loss: Positive = Field(
+        0.5, description="weight of the value's mean squared error (GROUP)"
+    )
+    gradient_norm: Positive = Field(
+        0.5, description="gradients are cut to it, actor and critic apart (GROUP)"
+    )
     joint_gradient_norm: bool = Field(False, description="one norm over both nets (GROUP)")
-    normalize_advantages: bool = True
-    target_kl: Positive | None = Field(None, description="stop the epochs beyond this")
+    normalize_advantages: bool = Field(
+        True, description="to mean 0 and deviation 1 over a batch (GROUP false)"
+    )
+    target_kl: Positive | None = Field(
+        None, description="epochs of the policy end where the KL divergence is above (GROUP none)"
+    )
     reward_scale: Positive = Field(0.01, description="factor on rewards inside the learner")
     reward_limit: Positive | None = Field(
         None, description="scaled rewards, clipped to +- this; a belief that jumps costs k_p per m"
     )
     bootstrap_truncated: bool = Field(True, description="else a timeout is an end (GROUP)")
-    max_importance: Positive = Field(10.0, description="cap of the behaviour correction")
-    adam_eps: Positive = 1e-5
+    max_importance: Positive = Field(
+        10.0, description="most that an older policy's sample is weighted"
+    )
+    adam_eps: Positive = Field(1e-5, description="Adam's epsilon in the denominator (GROUP 1e-8)")
 
 
 class LearnerConfig(Model):
     """The learner service."""
 
-    mode: Literal["async", "lockstep"] = "async"
-    max_lag: Annotated[int, Field(ge=0)] = Field(8, description="older samples are dropped")
+    mode: Literal["async", "lockstep"] = Field(
+        "async",
+        description="lockstep: actors wait for the weights before the newest, and a run repeats; "
+        "async: they go on with what they have",
+    )
+    max_lag: Annotated[int, Field(ge=0)] = Field(
+        8, description="weight versions; samples that are older are dropped"
+    )
     total_steps: Count = Field(1_200_000, description="environment steps (PAPER)")
     threads: Annotated[int, Field(ge=0)] = Field(0, description="torch threads, 0: all cores")
     device: str = Field("cpu", description="cpu, cuda, cuda:N, or auto: a GPU where there is one")
@@ -117,9 +148,9 @@ class LearnerConfig(Model):
         description="folder of a run whose newest networks and optimizers this one begins with",
     )
     checkpoint_interval: Count = Field(20, description="updates between checkpoints")
-    keep_checkpoints: Count = 3
+    keep_checkpoints: Count = Field(3, description="newest checkpoints that are kept")
     queue_chunks: Count = Field(64, description="uploads waiting at most")
-    queue_megabytes: Count = Field(512, description="bytes waiting at most")
+    queue_megabytes: Count = Field(512, description="10^6 bytes of uploads waiting at most")
 
     @field_validator("device")
     @classmethod
@@ -162,7 +193,10 @@ class ActorConfig(Model):
 class TransportConfig(Model):
     """Zenoh between learner, actors and dashboards."""
 
-    endpoint: str = Field("tcp/127.0.0.1:7447", description="loopback unless asked otherwise")
+    endpoint: str = Field(
+        "tcp/127.0.0.1:7447",
+        description="where the learner listens: tcp/HOST:PORT or tls/HOST:PORT",
+    )
     router: bool = Field(
         False, description="endpoint is a zenoh router that the learner joins instead of listening"
     )
@@ -170,7 +204,7 @@ class TransportConfig(Model):
     upload_timeout: Positive = Field(20.0, description="s until an upload is sent again")
     upload_window: Count = Field(2, description="uploads in flight per actor")
     lease: Positive = Field(3.0, description="s until a silent peer counts as gone")
-    max_message_megabytes: Count = 256
+    max_message_megabytes: Count = Field(256, description="2^20 bytes that a message has at most")
 
     @field_validator("namespace")
     @classmethod

@@ -44,9 +44,13 @@ class LocalizationConfig(Model):
         "paper", description="paper, best, perfect: values of the keys that are not named"
     )
     kind: Literal["amcl", "perfect"] = Field("amcl", description="perfect hands out the truth")
-    min_particles: Count = 500
-    max_particles: Count = 2000
-    kld_err: Positive = 0.05
+    min_particles: Count = Field(500, description="fewest that are resampled (LAUNCH)")
+    max_particles: Count = Field(
+        2000, description="most that are resampled; all are drawn where an episode starts (LAUNCH)"
+    )
+    kld_err: Positive = Field(
+        0.05, description="error of the drawn distribution that the KLD bound allows (LAUNCH)"
+    )
     kld_z: Positive = Field(0.99, description="used directly as the normal quantile, like ROS")
     kld_z_is_probability: bool = Field(
         False, description="kld_z is the probability instead: 0.99 becomes the quantile 2.326"
@@ -69,49 +73,78 @@ class LocalizationConfig(Model):
     laser_likelihood_exponent: Positive = Field(
         1.0, description="of a beam's factor in likelihood_field_prob; below 1: beams err together"
     )
-    laser_max_beams: Count = 60
+    laser_max_beams: Count = Field(60, description="beams of a scan that are used (LAUNCH)")
     laser_max_range: Positive = Field(12.0, description="m; readings at or beyond are skipped")
-    laser_z_hit: Probability = 0.95
-    laser_z_short: Probability = Field(0.1, description="beam model only")
-    laser_z_max: Probability = Field(0.05, description="beam model only")
-    laser_z_rand: Probability = 0.05
-    laser_sigma_hit: Positive = Field(0.2, description="m")
-    laser_lambda_short: Positive = Field(0.1, description="1/m, beam model only")
-    laser_likelihood_max_dist: Positive = Field(2.0, description="m")
+    laser_z_hit: Probability = Field(0.95, description="weight of readings of the map (LAUNCH)")
+    laser_z_short: Probability = Field(
+        0.1, description="weight of readings before the map's, beam model only (LAUNCH)"
+    )
+    laser_z_max: Probability = Field(
+        0.05, description="weight of missed echoes, beam model only (LAUNCH)"
+    )
+    laser_z_rand: Probability = Field(0.05, description="weight of random readings (LAUNCH)")
+    laser_sigma_hit: Positive = Field(0.2, description="m, deviation of readings (LAUNCH)")
+    laser_lambda_short: Positive = Field(
+        0.1, description="1/m, decay of z_short, beam model only (LAUNCH)"
+    )
+    laser_likelihood_max_dist: Positive = Field(
+        2.0, description="m from an obstacle beyond which all is equally unlikely (LAUNCH)"
+    )
     do_beamskip: bool = Field(
         False, description="likelihood_field_prob: leave out beams that few particles explain"
     )
-    beam_skip_distance: Positive = Field(0.5, description="m from an obstacle: explained")
+    beam_skip_distance: Positive = Field(
+        0.5, description="m from an obstacle within which a particle explains a beam"
+    )
     beam_skip_threshold: Probability = Field(0.3, description="share of particles that explain it")
     beam_skip_error_threshold: Probability = Field(
         0.9, description="this share of the beams skipped, and all are used: probably misplaced"
     )
-    update_min_d: NonNegative = Field(0.01, description="m, tested on |dx| or |dy| of odometry")
-    update_min_a: NonNegative = Field(0.001, description="rad")
-    resample_interval: Count = 1
+    update_min_d: NonNegative = Field(
+        0.01, description="m of odometry in x or y, else no update (LAUNCH)"
+    )
+    update_min_a: NonNegative = Field(0.001, description="rad of odometry, else no update (LAUNCH)")
+    resample_interval: Count = Field(1, description="updates per resampling (LAUNCH)")
     resample_model_type: Literal["multinomial", "systematic"] = Field(
         "multinomial", description="independent draws, or evenly spread ones"
     )
     selective_resampling: bool = Field(
         False, description="resample only when the effective count is below half"
     )
-    recovery_alpha_slow: Probability = Field(0.001, description="0 with fast 0: no recovery")
-    recovery_alpha_fast: Probability = 0.1
+    recovery_alpha_slow: Probability = Field(
+        0.001,
+        description="share of the newest weight in the slow average; both 0: no recovery (LAUNCH)",
+    )
+    recovery_alpha_fast: Probability = Field(
+        0.1,
+        description="share of the newest weight in the fast average; the more it falls below the "
+        "slow one, the more particles are drawn anywhere (LAUNCH)",
+    )
     recovery_persistent: bool = Field(
         False, description="inject until the scan fits again (Thrun); ROS forgets after one burst"
     )
     recovery_tolerance: Positive = Field(
         1.0, description="persistent only: injects when the fit is this many times worse than usual"
     )
-    bin_size: Positive = Field(0.5, description="m, KLD and cluster bins")
-    bin_angle: Positive = Field(0.17453292519943295, description="rad (10 degrees)")
-    initial_deviation_xy: NonNegative = Field(0.05, description="m, at episode start")
-    initial_deviation_yaw: NonNegative = Field(0.05235987755982988, description="rad (3 degrees)")
+    bin_size: Positive = Field(0.5, description="m, side of the bins of KLD and clusters (ROS)")
+    bin_angle: Positive = Field(
+        0.17453292519943295, description="rad, the bins' third side, 10 degrees (ROS)"
+    )
+    initial_deviation_xy: NonNegative = Field(
+        0.05, description="m, of x and y at episode start (ours)"
+    )
+    initial_deviation_yaw: NonNegative = Field(
+        0.05235987755982988, description="rad at episode start, 3 degrees (ours)"
+    )
     initial_cov_xx: NonNegative | None = Field(
         None, description="m^2, replaces the deviation; 0.25 in ROS"
     )
-    initial_cov_yy: NonNegative | None = Field(None, description="m^2")
-    initial_cov_aa: NonNegative | None = Field(None, description="rad^2; (pi/12)^2 in ROS")
+    initial_cov_yy: NonNegative | None = Field(
+        None, description="m^2, replaces the deviation; 0.25 in ROS"
+    )
+    initial_cov_aa: NonNegative | None = Field(
+        None, description="rad^2, replaces the deviation; (pi/12)^2 in ROS"
+    )
     delay: Annotated[int, Field(ge=0, le=50)] = Field(
         0, description="control steps by which the pose and variances that the robot hears are old"
     )

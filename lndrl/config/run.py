@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 from pathlib import Path
@@ -20,17 +19,12 @@ from lndrl.config.learning import (
     TransportConfig,
 )
 from lndrl.config.localization import LocalizationConfig
+from lndrl.config.shipped import find
 from lndrl.config.task import TaskConfig
 from lndrl.config.world import WorldConfig
 from lndrl.errors import UserError
 from lndrl.models import Model, effective, load_yaml, validate
 from lndrl.scenario import Scenario
-
-_HERE = Path(__file__).resolve().parent
-# A wheel carries the configurations inside the package; a checkout has them beside it.
-_IN_WHEEL = _HERE.parent / "configs"
-REPOSITORY_CONFIGS = _IN_WHEEL if _IN_WHEEL.is_dir() else _HERE.parent.parent / "configs"
-
 
 FIXED_ACTORS = 2
 """What ``actor.count: auto`` means where a run must repeat on every machine."""
@@ -41,16 +35,23 @@ MOST_WORLDS = 32
 class RunConfig(Model):
     """Everything that decides a run; the learner hands it to the actors."""
 
-    seed: Annotated[int, Field(ge=0)] = 1
-    scenario: Scenario
-    world: WorldConfig = WorldConfig()
-    localization: LocalizationConfig = LocalizationConfig()
-    task: TaskConfig = TaskConfig()
-    network: NetworkConfig = NetworkConfig()
-    ppo: PPOConfig = PPOConfig()
-    learner: LearnerConfig = LearnerConfig()
-    actor: ActorConfig = ActorConfig()
-    transport: TransportConfig = TransportConfig()
+    seed: Annotated[int, Field(ge=0)] = Field(
+        1, description="of every random draw: worlds, episodes, first weights, minibatches"
+    )
+    scenario: Scenario = Field(description="the place to train in: its name, a YAML file, or keys")
+    world: WorldConfig = Field(WorldConfig(), description="the truth: clock, robot, laser, people")
+    localization: LocalizationConfig = Field(
+        LocalizationConfig(),
+        description="the filter that says where the robot believes it is: a preset's name, or keys",
+    )
+    task: TaskConfig = Field(TaskConfig(), description="what the robot sees, does, is paid for")
+    network: NetworkConfig = Field(NetworkConfig(), description="policy and value network")
+    ppo: PPOConfig = Field(PPOConfig(), description="how an update learns from a batch")
+    learner: LearnerConfig = Field(LearnerConfig(), description="the service that learns")
+    actor: ActorConfig = Field(ActorConfig(), description="the services that simulate and act")
+    transport: TransportConfig = Field(
+        TransportConfig(), description="the network between learner, actors and dashboards"
+    )
 
     @model_validator(mode="after")
     def _frames_need_their_encoder(self) -> RunConfig:
@@ -101,20 +102,7 @@ def load_scenario(name: str, beside: Path | None = None) -> Scenario:
     A map that it names is read, so that the scenario is complete. Raises UserError naming the
     file and, for an unknown name, the known ones.
     """
-    if name.endswith((".yaml", ".yml")):
-        path = Path(name)
-        if beside is not None and not path.is_absolute() and (beside / path).exists():
-            path = beside / path
-    else:
-        folder = REPOSITORY_CONFIGS / "scenarios"
-        path = folder / f"{name}.yaml"
-        if not path.exists():
-            known = sorted(p.stem for p in folder.glob("*.yaml"))
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {close[0]}? known" if close else "known"
-            raise UserError(
-                f"scenario {name!r} is unknown; {hint}: {', '.join(known)}, or give a YAML file"
-            )
+    path = find("scenario", name, beside)
     return _with_map(validate(Scenario, load_yaml(path), str(path)), path)
 
 
@@ -130,12 +118,13 @@ def _with_map(scenario: Scenario, path: Path) -> Scenario:
         raise UserError(f"{path}: {error}") from None
 
 
-def load_config(path: Path | str, overrides: list[str] | tuple[str, ...] = ()) -> RunConfig:
+def load_config(named: Path | str, overrides: list[str] | tuple[str, ...] = ()) -> RunConfig:
     """Configuration from YAML with ``key=value`` overrides (dotted keys, YAML values).
 
-    Raises UserError naming file, key and mend.
+    Text may be a name, such as ``lndrl``, a path or a run folder (see ``shipped.find``); a Path is
+    read as it is. Raises UserError naming file, key and mend.
     """
-    path = Path(path)
+    path = named if isinstance(named, Path) else find("configuration", named)
     data = _with_base(path)
     where = str(path) if not overrides else f"{path} with --set"
     for override in overrides:
@@ -159,7 +148,7 @@ def _resolve_scenario(data: dict[str, Any], path: Path, where: str) -> None:
 
 
 def _with_base(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """The file's keys over those of the file that its ``base`` names, beside it."""
+    """The file's keys over those of the file that its ``base`` names, a path or a name."""
     data = load_yaml(path)
     base = data.pop("base", None)
     if base is None:
@@ -168,7 +157,11 @@ def _with_base(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise UserError(f"{path}: base must name a YAML file, e.g. base: lndrl.yaml")
     if path in seen:
         raise UserError(f"{path}: base leads back to itself")
-    return _merged(_with_base(path.parent / base, (*seen, path)), data)
+    try:
+        below = find("configuration", base, path.parent)
+    except UserError as error:
+        raise UserError(f"{path}: base: {error}") from None
+    return _merged(_with_base(below, (*seen, path)), data)
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

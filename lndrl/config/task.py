@@ -27,12 +27,14 @@ class RewardTerm(Model):
 class RewardConfig(Model):
     """The six-part reward (PAPER §III-A3)."""
 
-    approach: float = Field(200.0, description="k_a, per metre, divided by 1 + variances")
+    approach: float = Field(
+        200.0, description="k_a, per metre nearer to the goal, over 1 + variances"
+    )
     pose: float = Field(400.0, description="k_p, per metre or radian of pose error reduced")
-    arrive: float = Field(500.0, description="r_arr")
-    collide: float = Field(-800.0, description="r_col")
-    lost: float = Field(-500.0, description="r_lost")
-    step: float = Field(-5.0, description="r_step; '<' in the paper is a typo (parameters §6)")
+    arrive: float = Field(500.0, description="r_arr, when it arrives")
+    collide: float = Field(-800.0, description="r_col, when it hits something")
+    lost: float = Field(-500.0, description="r_lost, when truth and estimate are too far apart")
+    step: float = Field(-5.0, description="r_step, every step; '<' in the paper is a typo")
     terms: Annotated[dict[str, RewardTerm], LATER] = Field(
         default_factory=dict,
         max_length=MOST_TERMS,
@@ -56,26 +58,30 @@ class TaskConfig(Model):
     """What the robot sees, does, and is paid for."""
 
     linear_velocities: list[float] = Field(
-        [0.0, 0.2, 0.4, 0.6], min_length=1, max_length=16, description="m/s (PAPER)"
+        [0.0, 0.2, 0.4, 0.6], min_length=1, max_length=16, description="m/s to choose from (PAPER)"
     )
     angular_velocities: list[float] = Field(
         [-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9],
         min_length=1,
         max_length=16,
-        description="rad/s (PAPER); an action is one byte on the wire",
+        description="rad/s to choose from (PAPER); an action is one byte on the wire",
     )
-    arrive_distance: Positive = Field(0.5, description="m, estimated position to goal (PAPER)")
-    lost_distance: Positive = Field(2.0, description="m, truth to estimate (PAPER)")
-    lost_angle: Positive = Field(0.7853981633974483, description="rad (PAPER)")
-    time_limit: Positive = Field(60.0, description="s, then truncated (parameters §4.6)")
+    arrive_distance: Positive = Field(0.5, description="m, estimate to goal: arrived (PAPER)")
+    lost_distance: Positive = Field(2.0, description="m, truth to estimate: lost (PAPER)")
+    lost_angle: Positive = Field(
+        0.7853981633974483, description="rad, truth to estimate: lost; pi/4 (PAPER)"
+    )
+    time_limit: Positive = Field(60.0, description="s, then an episode is truncated (GROUP)")
     scan_frames: Annotated[int, Field(ge=1, le=8)] = Field(
-        1, description="scans of consecutive control steps that are seen together (§7.1)"
+        1, description="scans of consecutive control steps that are seen together (Fan et al. 2020)"
     )
     map_cells: Count = Field(48, description="cells per side of the pedestrian map (PAPER)")
-    map_extent: Positive = Field(6.0, description="m per side (GROUP)")
+    map_extent: Positive = Field(6.0, description="m per side of the pedestrian map (GROUP)")
     pedestrian_radius: Positive = Field(0.30, description="m, disc drawn per pedestrian (GROUP)")
     max_pedestrians: Count = Field(
         24, le=255, description="nearest people in view that are kept; one byte on the wire"
     )
-    variance_limit: Positive = Field(10.0, description="variances are clipped here (§4.4)")
-    reward: RewardConfig = RewardConfig()
+    variance_limit: Positive = Field(
+        10.0, description="m^2 and rad^2 at which variances are clipped (ours)"
+    )
+    reward: RewardConfig = Field(RewardConfig(), description="what it is paid (PAPER §III-A3)")

@@ -12,7 +12,7 @@ class LaserConfig(Model):
 
     beams: Count = Field(720, description="beams over the field of view (PAPER)")
     field_of_view: Positive = Field(3.141592653589793, description="rad, first beam at -fov/2")
-    range_max: Positive = Field(12.0, description="m (PAPER)")
+    range_max: Positive = Field(12.0, description="m, the farthest reading (PAPER)")
     z_hit: Probability = Field(0.98, description="weight of a true reading (PAPER)")
     z_short: Probability = Field(0.0, description="unexpected objects; people are real (PAPER)")
     z_max: Probability = Field(0.01, description="weight of a missed echo (PAPER)")
@@ -29,14 +29,18 @@ class LaserConfig(Model):
 
 
 class CrowdConfig(Model):
-    """How pedestrians move (GROUP, parameters §4.5)."""
+    """How pedestrians move (GROUP)."""
 
-    max_speed: Positive = Field(0.5, description="m/s")
-    orca_neighbor_distance: Positive = Field(0.5, description="m; GROUP value, last-moment push")
-    orca_max_neighbors: Count = 10
-    orca_time_horizon: Positive = Field(5.0, description="s")
-    orca_time_horizon_obstacle: Positive = Field(5.0, description="s")
-    orca_radius: Positive = Field(0.5, description="m")
+    max_speed: Positive = Field(0.5, description="m/s, the most that anybody walks (GROUP)")
+    orca_neighbor_distance: Positive = Field(
+        0.5, description="m within which ORCA minds others: a last-moment push (GROUP)"
+    )
+    orca_max_neighbors: Count = Field(10, description="nearest others that ORCA minds (GROUP)")
+    orca_time_horizon: Positive = Field(5.0, description="s ahead, collisions with others (GROUP)")
+    orca_time_horizon_obstacle: Positive = Field(
+        5.0, description="s ahead, collisions with walls (GROUP)"
+    )
+    orca_radius: Positive = Field(0.5, description="m, of the disc that others avoid (GROUP)")
     orca_walls: bool = Field(
         True, description="ORCA people know the walls; the GROUP's did not and walked through them"
     )
@@ -50,20 +54,30 @@ class CrowdConfig(Model):
         "who meet head-on pass instead of pushing each other; the GROUP's did not (0)",
     )
     sfm_desired: NonNegative = Field(1.0, description="weight of the desired force (libpedsim)")
-    sfm_social: NonNegative = Field(2.1, description="weight of the social force")
-    sfm_obstacle: NonNegative = Field(1.0, description="weight of the obstacle force")
-    sfm_obstacle_sigma: Positive = Field(0.8, description="m")
-    sfm_radius: Positive = Field(0.2, description="m")
-    sfm_lambda: Positive = 2.0
-    sfm_gamma: Positive = 0.35
-    sfm_n: Positive = 2.0
-    sfm_n_prime: Positive = 3.0
+    sfm_social: NonNegative = Field(2.1, description="weight of the force from others (libpedsim)")
+    sfm_obstacle: NonNegative = Field(1.0, description="weight of the force from walls (libpedsim)")
+    sfm_obstacle_sigma: Positive = Field(
+        0.8, description="m in which the force from walls falls by e (libpedsim)"
+    )
+    sfm_radius: Positive = Field(0.2, description="m, of a body at walls (libpedsim)")
+    sfm_lambda: Positive = Field(
+        2.0, description="s/m, weight of relative velocity beside direction in the interaction D"
+    )
+    sfm_gamma: Positive = Field(0.35, description="m, range of the social force per length of D")
+    sfm_n: Positive = Field(2.0, description="1/rad, how narrow the force is that turns aside")
+    sfm_n_prime: Positive = Field(3.0, description="1/rad, how narrow the force is that slows down")
     sfm_cutoff: Positive = Field(8.0, description="m, farther neighbours are ignored")
     see_robot: bool = Field(True, description="pedestrians avoid the robot")
-    leg_radius: Positive = Field(0.10, description="m")
-    leg_offset: NonNegative = Field(0.10, description="m, lateral, each side")
-    step_length: Positive = Field(0.30, description="m travelled per phase of the gait")
-    waypoint_radius: Positive = Field(0.2, description="m")
+    leg_radius: Positive = Field(
+        0.10, description="m, of a leg's disc: what is seen and hit (GROUP)"
+    )
+    leg_offset: NonNegative = Field(
+        0.10, description="m from the middle to each leg, sideways (GROUP)"
+    )
+    step_length: Positive = Field(0.30, description="m walked per phase of the gait (GROUP)")
+    waypoint_radius: Positive = Field(
+        0.2, description="m within which a waypoint is reached (GROUP)"
+    )
     model_period: Positive = Field(
         0.4,
         description="s, step of the GROUP's crowd: ORCA resolves overlaps and SFM relaxes in it",
@@ -75,9 +89,9 @@ class WorldConfig(Model):
 
     tick: Positive = Field(0.1, description="s between sensor and localization updates (10 Hz)")
     ticks_per_step: Count = Field(4, description="ticks per control step: 0.4 s (GROUP)")
-    robot_radius: Positive = Field(0.17, description="m (GROUP)")
+    robot_radius: Positive = Field(0.17, description="m, of the robot's disc (GROUP)")
     odometry_deviation: NonNegative = Field(
         0.1, description="deviation of the factor on v and on w; N(1, 0.01) is a variance (PAPER)"
     )
-    laser: LaserConfig = LaserConfig()
-    crowd: CrowdConfig = CrowdConfig()
+    laser: LaserConfig = Field(LaserConfig(), description="the laser and its noise")
+    crowd: CrowdConfig = Field(CrowdConfig(), description="how people walk")

@@ -1,6 +1,9 @@
-"""Occupancy grids, distance fields and ray casting."""
+"""Occupancy grids and distance fields.
+
+What is compiled is imported where it lies, such as ``lndrl.maps.raycast``: who reads a map need not
+wait for the compiler.
+"""
 
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
-from lndrl.maps.raycast import clearance, raycast
 
-__all__ = ["OccupancyGrid", "clearance", "distance_field", "grid_from_scenario", "raycast"]
+__all__ = ["OccupancyGrid", "distance_field", "grid_from_scenario"]

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from lndrl.scenario import Obstacle, Point, Scenario
 
@@ -80,6 +79,8 @@ def distance_field(occupied: Mask, resolution: float) -> NDArray[np.float32]:
     if not occupied.any():
         diagonal = float(np.hypot(*occupied.shape)) * resolution
         return np.full(occupied.shape, diagonal, dtype=np.float32)
+    from scipy.ndimage import distance_transform_edt  # takes longer to import than a map to read
+
     distance: NDArray[np.float64] = distance_transform_edt(~occupied, sampling=resolution)
     return distance.astype(np.float32)
 

@@ -20,9 +20,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageFilter
 from pydantic import ConfigDict, Field, model_validator
-from scipy.ndimage import binary_dilation
 
 from lndrl.errors import UserError
 from lndrl.maps.grid import OccupancyGrid
@@ -91,7 +90,8 @@ def grid_of_cells(cells: Cells, resolution: float, origin: tuple[float, float]) 
     free = cells == FREE
     unknown = cells == UNKNOWN
     # Diagonally too: a ray or a step must not slip between two cells.
-    seam = unknown & binary_dilation(free, np.ones((3, 3), np.bool_))
+    near_free = np.asarray(Image.fromarray(free.view(np.uint8)).filter(ImageFilter.MaxFilter(3)))
+    seam = unknown & (near_free > 0)
     deep = unknown & ~seam
     return OccupancyGrid(~free, resolution, origin, deep if deep.any() else None)
 

@@ -25,10 +25,10 @@ _STANDING = 1e-3  # m/s, rad/s; slower is not moving
 
 
 class DWAConfig(Model):
-    """Parameters of the planner (GROUP, parameters §7.2)."""
+    """Parameters of the planner (GROUP)."""
 
     linear_acceleration: Positive = Field(5.0, description="m/s², what the window allows")
-    angular_acceleration: Positive = Field(5.0, description="rad/s²")
+    angular_acceleration: Positive = Field(5.0, description="rad/s², what the window allows")
     linear_resolution: Positive = Field(0.2, description="m/s between two candidates, at most")
     angular_resolution: Positive = Field(0.1, description="rad/s between two candidates, at most")
     horizon: Positive = Field(1.6, description="s that a candidate is followed")

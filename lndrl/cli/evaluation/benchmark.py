@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lndrl.cli.options import TrustModules, names_in, trust
+from lndrl.cli.options import BenchName, TrustModules, names_in, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -46,9 +46,7 @@ def benchmark(
         int | None,
         typer.Option(metavar="W", help="Processes; default: one per core; 0: none but this."),
     ] = None,
-    spec: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Default: configs/benchmark.yaml.")
-    ] = None,
+    spec: BenchName = None,
     trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
 ) -> None:
@@ -61,8 +59,8 @@ def benchmark(
     if workers is not None and workers < 0:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
     trust(trust_modules)
+    from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import (
-        BENCHMARK,
         IDENTITY,
         Identity,
         Plan,
@@ -73,7 +71,7 @@ def benchmark(
         load_benchmark,
     )
 
-    file = spec or BENCHMARK
+    file = find("bench", spec or DEFAULTS["bench"])
     bench = load_benchmark(file)
     folder = ResultsFolder(RESULTS / name)
     places = choose(bench.scenarios, names_in(scenarios), "scenario")

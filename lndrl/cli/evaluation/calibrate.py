@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 def calibrate(
     file: Annotated[
-        Path | None, typer.Argument(metavar="FILE", help="Default: configs/calibration.yaml.")
+        str | None,
+        typer.Argument(
+            metavar="[FILE]",
+            help="YAML file of variants. [default: calibration]",
+            show_default=False,
+        ),
     ] = None,
     variants: Annotated[
         str | None, typer.Option(metavar="V,...", help="Default: all of the file.")
@@ -49,9 +54,10 @@ def calibrate(
     Stopped with Ctrl-C, the same command goes on.
     """
     trust(trust_modules)
-    from lndrl.evaluation.benchmark import CALIBRATION, choose, load_calibration
+    from lndrl.config import DEFAULTS, find
+    from lndrl.evaluation.benchmark import choose, load_calibration
 
-    spec = load_calibration(file or CALIBRATION)
+    spec = load_calibration(find("calibration", file or DEFAULTS["calibration"]))
     asked = None if variants is None else [v.strip() for v in variants.split(",") if v.strip()]
     chosen = choose(list(spec.variants), asked, "variant")
     if not table:

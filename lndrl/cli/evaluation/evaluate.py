@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from lndrl.cli.options import PlannerSettings, TrustModules, part_settings, trust
+from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -28,10 +28,7 @@ def evaluate(
             " are compared.",
         ),
     ],
-    scenario: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="Name or YAML file; default: what was trained on."),
-    ] = None,
+    scenario: ScenarioName = None,
     episodes: Annotated[int, typer.Option(metavar="N", help="Episodes per planner.")] = 200,
     seed: Annotated[
         int, typer.Option(metavar="SEED", help="Same seed, same episodes for every planner.")

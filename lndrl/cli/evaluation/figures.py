@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.evaluation.benchmark import RESULTS
-from lndrl.cli.options import TrustModules, check_picture, names_in, trust
+from lndrl.cli.options import BenchName, TrustModules, check_picture, names_in, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ figures = typer.Typer(
 Out = Annotated[
     Path | None, typer.Option(metavar="FILE.png", help="Default: named by what is drawn.")
 ]
-Spec = Annotated[Path | None, typer.Option(metavar="FILE", help="Default: configs/benchmark.yaml.")]
 Episode = Annotated[
     int, typer.Option(metavar="K", help="The episode that lndrl benchmark numbers K, from 0.")
 ]
@@ -47,7 +46,7 @@ def trajectories(
     ] = "sparse",
     episode: Episode = 0,
     out: Out = None,
-    spec: Spec = None,
+    spec: BenchName = None,
     trust_modules: TrustModules = None,
 ) -> None:
     """Draw one episode as several methods drive it: paths, position and angle error."""
@@ -87,7 +86,7 @@ def activations(
         int | None, typer.Option(metavar="T", help="After T control steps; default: halfway.")
     ] = None,
     out: Out = None,
-    spec: Spec = None,
+    spec: BenchName = None,
     trust_modules: TrustModules = None,
 ) -> None:
     """Draw what the first laser layer of a network answers, beside scene and scan."""
@@ -181,10 +180,11 @@ def _redrive(
     return [found[row.scenario, row.episode] for row in rows]
 
 
-def _bench(spec: Path | None) -> BenchmarkSpec:
-    from lndrl.evaluation.benchmark import BENCHMARK, load_benchmark
+def _bench(spec: str | None) -> BenchmarkSpec:
+    from lndrl.config import DEFAULTS, find
+    from lndrl.evaluation.benchmark import load_benchmark
 
-    return load_benchmark(spec or BENCHMARK)
+    return load_benchmark(find("bench", spec or DEFAULTS["bench"]))
 
 
 def _check(episode: int, out: Path | None) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lndrl.cli.options import PlannerSettings, TrustModules, part_settings, trust
+from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -26,10 +26,7 @@ def play(
     out: Annotated[
         Path, typer.Option(metavar="FILE", help="FILE.png: the end with all paths; FILE.gif: all.")
     ],
-    scenario: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="Name or YAML file; default: what was trained on."),
-    ] = None,
+    scenario: ScenarioName = None,
     seed: Annotated[int, typer.Option(metavar="SEED", help="As in lndrl evaluate.")] = 0,
     episode: Annotated[
         int, typer.Option(metavar="K", help="The episode that lndrl evaluate numbers K, from 0.")

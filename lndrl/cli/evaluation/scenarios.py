@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lndrl.cli.completion import complete_scenario
 from lndrl.cli.options import TrustModules, check_picture, trust
 from lndrl.errors import UserError
 
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 def scenarios(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[NAME]", help="Name or YAML file; default: all that are known."),
+        typer.Argument(
+            metavar="[NAME]",
+            help="Name or YAML file; default: all that are known.",
+            autocompletion=complete_scenario,
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw NAME into this file.")

@@ -6,7 +6,7 @@ import typer
 
 from lndrl.cli.options import (
     CheckpointName,
-    ConfigFile,
+    ConfigName,
     LearnerDevice,
     Listen,
     Resume,
@@ -35,7 +35,7 @@ from lndrl.cli.signals import stop_on_signals
 
 
 def learner(
-    config: ConfigFile = None,
+    config: ConfigName = None,
     listen: Listen = None,
     run: RunName = None,
     resume: Resume = False,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.completion import complete_sweep
 from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.runs import RUNS
 from lndrl.errors import UserError
@@ -18,7 +19,12 @@ if TYPE_CHECKING:
 
 def sweep(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="YAML file, e.g. configs/sweeps/ppo.yaml.")
+        str,
+        typer.Argument(
+            metavar="SWEEP",
+            help="Name of a sweep that comes with the program, e.g. ppo, or YAML file.",
+            autocompletion=complete_sweep,
+        ),
     ],
     folder: Annotated[
         Path | None,
@@ -45,9 +51,10 @@ def sweep(
     Every variant is trained by lndrl train under every seed. Finished runs are kept.
     """
     trust(trust_modules)
+    from lndrl.config import find
     from lndrl.evaluation.sweep import SweepFolder, load_sweep, sweep_figures
 
-    chosen = load_sweep(file)
+    chosen = load_sweep(find("sweep", file))
     _check(chosen.name, markdown, plot)
     place = SweepFolder(folder or RUNS / f"sweep-{chosen.name}", chosen)
     place.check()

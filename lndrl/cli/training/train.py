@@ -9,7 +9,7 @@ import typer
 
 from lndrl.cli.options import (
     CheckpointName,
-    ConfigFile,
+    ConfigName,
     LearnerDevice,
     Listen,
     Resume,
@@ -37,7 +37,7 @@ from lndrl.errors import UserError
 
 
 def train(
-    config: ConfigFile = None,
+    config: ConfigName = None,
     actors: Annotated[
         str | None,
         typer.Option(

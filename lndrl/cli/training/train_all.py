@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.options import (
+    BenchName,
     LearnerDevice,
     Listen,
     Steps,
@@ -48,18 +49,12 @@ def train_all(
     serial: Annotated[
         bool, typer.Option("--serial", help="Each in one process: slower, same bits every time.")
     ] = False,
-    spec: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="The bench, with METHOD.yaml beside it; default: configs/benchmark.yaml.",
-        ),
-    ] = None,
+    spec: BenchName = None,
     trust_modules: TrustModules = None,
 ) -> None:
     """Train every learned method of the bench; what stopped goes on, what is done is kept.
 
-    Each is trained by lndrl train with configs/METHOD.yaml, into the run folder that the bench
+    Each is trained by lndrl train METHOD, into the run folder that the bench
     names.
     """
     if serial and listen is not None:
@@ -67,9 +62,10 @@ def train_all(
     run_overrides(None, None, device, listen)  # refuses what no run could use
     _check_reach(listen)
     trust(trust_modules)
-    from lndrl.evaluation.benchmark import BENCHMARK, MethodsFolder, load_benchmark, method_runs
+    from lndrl.config import DEFAULTS, find
+    from lndrl.evaluation.benchmark import MethodsFolder, load_benchmark, method_runs
 
-    file = spec or BENCHMARK
+    file = find("bench", spec or DEFAULTS["bench"])
     runs = method_runs(load_benchmark(file), file.parent, names_in(methods), steps, seed)
     folder = MethodsFolder(Path(), runs)
     folder.check()

@@ -47,9 +47,9 @@ class BenchVariant(Model):
 class CalibrationSpec(Model):
     """``configs/calibration.yaml``."""
 
-    scenarios: list[str] = Field(min_length=1)
-    seed: Annotated[int, Field(ge=0)] = 0
-    variants: dict[str, BenchVariant] = Field(min_length=1)
+    scenarios: list[str] = Field(min_length=1, description="places to test in, by name or file")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="of the episodes, alike for all")
+    variants: dict[str, BenchVariant] = Field(min_length=1, description="benches by name")
 
 
 @dataclass(frozen=True)

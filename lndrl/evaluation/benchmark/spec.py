@@ -32,21 +32,21 @@ class Method(Model):
     settings: PartSettings = Field(
         default_factory=dict, description="keyword arguments of a planner of your own"
     )
-    localization: Localization = "amcl"
+    localization: Localization = Field("amcl", description="perfect hands out the truth")
 
 
 class BenchmarkSpec(Model):
     """``configs/benchmark.yaml``."""
 
-    scenarios: list[str] = Field(min_length=1)
-    seed: Annotated[int, Field(ge=0)] = 0
+    scenarios: list[str] = Field(min_length=1, description="places to test in, by name or file")
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="of the episodes, alike for all")
     set: list[str] = Field(
         default_factory=list, description="key=value, as --set of lndrl train, in all scenarios"
     )
     frozen: dict[str, str] = Field(
         default_factory=dict, description="scenario to the hash that it must have"
     )
-    methods: dict[str, Method] = Field(min_length=1)
+    methods: dict[str, Method] = Field(min_length=1, description="rows of the table, by name")
 
     @property
     def changes(self) -> dict[str, list[str]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lndrl.config import RunConfig, load_config
+from lndrl.config import RunConfig, flatten, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
 from lndrl.evaluation.sweep import Run, RunsFolder, State
@@ -114,7 +114,7 @@ def _method_run(
     planner = Path(spec.methods[name].planner)
     if planner.parent != Path(RUNS) or planner.is_file():
         raise UserError(f"method {name}: planner {planner} is no folder {RUNS}/NAME to train into")
-    file = spec.config_of(name, configs)
+    file = spec.config_of(name, configs) or spec.config_of(name)  # else the program's own
     if file is None:
         raise UserError(f"method {name}: its configuration {configs / name}.yaml does not exist")
     # What the bench sets for tests does not hold in training: paid for a pose that is heard late, a
@@ -129,25 +129,11 @@ def _method_run(
 
 def _difference(kept: RunConfig, wanted: RunConfig) -> tuple[str, str, str] | None:
     """The first key that decides what is learned and differs, with both values in words."""
-    one, two = _flat(kept), _flat(wanted)
+    one, two = (flatten(each.model_dump(mode="json", exclude=_FREE)) for each in (kept, wanted))
     for key in {**one, **two}:
         if one.get(key) != two.get(key):
             return key, _words(one.get(key)), _words(two.get(key))
     return None
-
-
-def _flat(config: RunConfig) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-
-    def walk(data: Mapping[str, Any], prefix: str) -> None:
-        for key, value in data.items():
-            if isinstance(value, dict):
-                walk(value, f"{prefix}{key}.")
-            else:
-                flat[prefix + key] = value
-
-    walk(config.model_dump(mode="json", exclude=_FREE), "")
-    return flat
 
 
 def _words(value: Any) -> str:

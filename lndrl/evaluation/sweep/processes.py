@@ -133,14 +133,14 @@ def trust_options() -> list[str]:
 def this_program() -> dict[str, str]:
     """The environment in which ``python -m lndrl`` is the program that runs now.
 
-    Whatever else is installed: a child's working folder is another. Where this process trusts
-    modules, the child finds those of this working folder, too.
+    Whatever else is installed, and whatever lies in the child's working folder, which is another.
+    Where this process trusts modules, the child finds those of this working folder, too.
     """
     here = str(Path(lndrl.__file__).resolve().parents[1])
     inherited = os.environ.get("PYTHONPATH")
     folders = [here, *([inherited] if inherited else [])]
     folders += [str(Path.cwd())] if trusted_modules() else []
-    return os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
+    return os.environ | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
 
 
 def free_port() -> int:

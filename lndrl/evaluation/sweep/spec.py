@@ -9,7 +9,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
+from lndrl.config import DEFAULTS, RunConfig, find, load_config
 from lndrl.errors import UserError
 from lndrl.models import Count, Model, load_yaml, validate
 
@@ -44,21 +44,24 @@ class VariantSpec(Model):
 class SweepSpec(Model):
     """A sweep's file."""
 
-    config: str | None = Field(
-        None, description="the base, relative to this file or the working folder; lndrl.yaml"
+    config: str = Field(
+        DEFAULTS["configuration"],
+        description="the base: a name, or a file relative to this one or to the working folder",
     )
     set: list[str] = Field([], description="key=value for every run, the base's too")
     start: str | None = Field(
         None, description="run folder whose networks every run begins with; from the working folder"
     )
     steps: Count = Field(description="environment steps per run")
-    seeds: list[Seed] = Field(min_length=1)
+    seeds: list[Seed] = Field(min_length=1, description="every variant is trained under each")
     episodes: Annotated[int, Field(ge=0)] = Field(
         0, description="test episodes of every final policy; 0: none"
     )
     greedy: bool = Field(False, description="test the likeliest action instead of sampling")
     serial: bool = Field(False, description="one process per run: same bits every time")
-    variants: dict[str, VariantSpec] = Field(min_length=1)
+    variants: dict[str, VariantSpec] = Field(
+        min_length=1, description="changes by name; the base itself is trained, too"
+    )
 
     @field_validator("seeds")
     @classmethod
@@ -139,7 +142,10 @@ def load_sweep(file: Path) -> Sweep:
     if not _NAME.fullmatch(file.stem):
         raise UserError(f"{file}: the name must be letters, digits, '.', '_' and '-'")
     spec = validate(SweepSpec, load_yaml(file), str(file))
-    base = _base_file(file, spec)
+    try:
+        base = find("configuration", spec.config, file.parent)
+    except UserError as error:
+        raise UserError(f"{file}: config: {error}") from None
     variants = [_variant(file, spec, base, BASE, (), "the configuration as it is")]
     for name, each in spec.variants.items():
         variant = _variant(file, spec, base, name, tuple(each.set), each.why)
@@ -153,13 +159,6 @@ def load_sweep(file: Path) -> Sweep:
         if names.count(name) > 1:
             raise UserError(f"{file}: two runs would be called {name}; rename a variant")
     return sweep
-
-
-def _base_file(file: Path, spec: SweepSpec) -> Path:
-    if spec.config is None:
-        return REPOSITORY_CONFIGS / "lndrl.yaml"
-    beside = file.parent / spec.config
-    return beside if beside.exists() else Path(spec.config)
 
 
 def _variant(

@@ -15,7 +15,7 @@ import yaml
 from actors.balance import usable_cores
 from lndrl.cli.main import run
 from lndrl.cli.signals import stop_on_signals
-from lndrl.config import load_config
+from lndrl.config import REPOSITORY_CONFIGS, load_config
 from lndrl.transport import Security
 
 SCENARIO = {
@@ -230,9 +230,29 @@ def test_resume_needs_no_configuration_and_says_nothing_if_equal(services, capsy
 
 
 @pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("train", "lndrl"),
+        ("train paper", "paper"),
+        ("learner", "lndrl"),
+        ("learner paper", "paper"),
+    ],
+)
+def test_a_configuration_is_known_by_name_and_lndrl_without_one(
+    line: str, name: str, services: Services
+) -> None:
+    assert run(line.split()) == 0
+    config, folder = services.calls[0][1][:2]
+    assert config == load_config(REPOSITORY_CONFIGS / f"{name}.yaml")
+    assert folder.parent == Path("runs") and folder.name.startswith(f"{name}-")
+
+
+@pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("train", "the configuration is missing"),
+        ("train lndlr", "'lndlr' is unknown; did you mean lndrl? known by name: drl_laser, "),
+        ("train benchmark", "configuration 'benchmark' is unknown; known by name: drl_laser, "),
+        ("learner ppo", "configuration 'ppo' is unknown; known by name: "),
         ("train nowhere.yaml", "nowhere.yaml: no such file"),
         ("train run.yaml --set ppo.epoch=3", "unknown key ppo.epoch; did you mean epochs?"),
         ("train run.yaml --set ppo.epochs=-3", "ppo.epochs = -3"),

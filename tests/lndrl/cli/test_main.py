@@ -15,9 +15,21 @@ import pytest
 
 from lndrl.cli import main as command_line
 from lndrl.errors import UserError
+from lndrl.evaluation.sweep.processes import this_program
 
 ROOT = Path(command_line.__file__).resolve().parents[2]
-HEAVY = ("torch", "numba", "numpy", "zenoh", "matplotlib", "pymunk", "scipy", "gymnasium")
+HEAVY = (
+    "torch",
+    "numba",
+    "numpy",
+    "zenoh",
+    "matplotlib",
+    "pymunk",
+    "scipy",
+    "gymnasium",
+    "PIL",
+    "pydantic",
+)
 
 
 @pytest.fixture
@@ -56,15 +68,83 @@ def test_no_arguments_show_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert "Usage: lndrl" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["version"], ["train", "--help"]])
-def test_light_commands_import_nothing_heavy(arguments: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "needed"),
+    [
+        (["--help"], {}),
+        (["--version"], {}),
+        (["version"], {"pydantic"}),  # typer asks for it where a command has options
+        (["train", "--help"], {"pydantic"}),
+        (["config", "show", "lndrl"], {"pydantic"}),
+        (["config", "explain", "ppo.epochs"], {"pydantic"}),
+        (["scenarios"], {"pydantic", "numpy", "PIL"}),  # one of them is a map
+    ],
+)
+def test_light_commands_import_nothing_heavy(arguments: list[str], needed: set[str]) -> None:
     code = (
         "import sys\nfrom lndrl.cli.main import run\n"
         f"assert run({arguments!r}) == 0\n"
-        f"found = set(sys.modules) & set({HEAVY!r})\nassert not found, found"
+        f"found = set(sys.modules) & set({HEAVY!r}) - set({[*needed]!r})\nassert not found, found"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+NAMESAKES = ("learner", "actors", "typer", "rich", "pydantic", "random", "queue", "pickle")
+
+
+@pytest.fixture
+def own_modules(tmp_path: Path) -> Path:
+    """A folder with modules of the user's own, named like ours and like some that we use."""
+    for name in NAMESAKES:
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(f'{__file__} was imported')\n")
+    return tmp_path
+
+
+def test_a_users_modules_do_not_stand_in_for_ours(own_modules: Path) -> None:
+    command = [sys.executable, "-m", "lndrl", "config", "show", "lndrl"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=own_modules, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "scenario: hybrid" in done.stdout
+
+
+def test_nor_in_processes_that_are_started_from_ours(own_modules: Path) -> None:
+    # A console script, whose folder is where Python looks first, and not the working folder.
+    script = own_modules / "bin" / "lndrl"
+    script.parent.mkdir()
+    script.write_text(
+        "import subprocess, sys, types\n"
+        "from lndrl.cli import main\n"
+        "look = 'import importlib.util as u; print(u.find_spec(\"learner\").origin)'\n"
+        "def version() -> None:\n"
+        "    import multiprocessing as m\n"
+        "    context = m.get_context('spawn')\n"
+        "    process = context.Process(target=print, args=('spawned',))\n"
+        "    process.start(); process.join(); assert process.exitcode == 0\n"
+        "    subprocess.run([sys.executable, '-c', look], check=True)\n"
+        "if __name__ == '__main__':\n"
+        "    sys.modules['lndrl.cli.version'] = types.SimpleNamespace(version=version)\n"
+        "    main.main()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment.pop("PYTHONSAFEPATH", None)
+    done = subprocess.run(
+        [sys.executable, str(script), "version"],
+        cwd=own_modules,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["spawned", str(ROOT / "learner/__init__.py")]
+
+
+def test_programs_of_ours_are_started_with_the_safe_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", "/else/where")
+    environment = this_program()
+    assert environment["PYTHONSAFEPATH"] == "1"
+    assert environment["PYTHONPATH"] == f"{ROOT}{os.pathsep}/else/where"
 
 
 def test_version_is_the_packages_own(capsys: pytest.CaptureFixture[str]) -> None:

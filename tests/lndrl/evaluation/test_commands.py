@@ -90,7 +90,7 @@ def test_play_draws_the_episode_that_evaluate_counts(room: str, tmp_path: Path, 
 
 
 def test_ctrl_c_ends_evaluate_and_its_workers(room: str) -> None:
-    command = [sys.executable, "-m", "lndrl.cli.main", "evaluate", "random", "--scenario", room,
+    command = [sys.executable, "-m", "lndrl", "evaluate", "random", "--scenario", room,
                "--episodes", "100000", "--workers", "2"]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(

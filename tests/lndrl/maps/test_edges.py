@@ -10,8 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lndrl.config import LaserConfig
-from lndrl.maps import OccupancyGrid, clearance, distance_field
+from lndrl.maps import OccupancyGrid, distance_field
 from lndrl.maps.edges import RayMap, arctangent, faces_in_reach, ray_map, scan_faces
+from lndrl.maps.raycast import clearance
 from lndrl.world.laser import (
     make_fan,
     make_scan_scratch,

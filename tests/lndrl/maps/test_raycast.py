@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from lndrl.maps import OccupancyGrid, distance_field, raycast
-from lndrl.maps.raycast import sample_field
+from lndrl.maps import OccupancyGrid, distance_field
+from lndrl.maps.raycast import raycast, sample_field
 
 RESOLUTION = 0.1
 

@@ -10,6 +10,7 @@ import torch
 
 from lndrl.errors import UserError
 from lndrl.policy import PolicyRunner, build_policy, initial_weights, load_into, load_policy
+from tests.lndrl.policy.built_in import built_in
 from tests.lndrl.policy.test_networks import make_config, random_observation
 
 CONFIG = make_config(map_channels=(4, 4, 4), features=16, goal_features=4)
@@ -25,8 +26,9 @@ def test_sampled_actions_follow_the_probabilities() -> None:
     policy = runner()
     observation = random_observation(np.random.default_rng(0), 1, 1.0)
     # Far from uniform, or a wrong sampler would pass.
-    policy.network.head.bias[:] = 0.0
-    policy.network.head.bias[3], policy.network.head.bias[20] = 3.0, 2.0
+    head = built_in(policy.network).head
+    head.bias[:] = 0.0
+    head.bias[3], head.bias[20] = 3.0, 2.0
     probabilities = np.exp(policy.log_probabilities(observation))[0]
     repeated = observation.take(np.zeros(4000, int))
     action, log_prob = policy.act(repeated, np.random.default_rng(1))
@@ -51,7 +53,7 @@ def test_bfloat16_is_the_same_policy_within_its_digits() -> None:
     exact, coarse = runner(), PolicyRunner(CONFIG, bfloat16=True)
     coarse.load(initial_weights(CONFIG))
     for policy in (exact, coarse):
-        policy.network.head.weight.normal_(generator=torch.Generator().manual_seed(0))
+        built_in(policy.network).head.weight.normal_(generator=torch.Generator().manual_seed(0))
         policy._freeze()
     observation = random_observation(np.random.default_rng(0), 32, 2.0)
     difference = exact.log_probabilities(observation) - coarse.log_probabilities(observation)
@@ -70,7 +72,7 @@ def test_weights_of_another_network_are_refused_by_name() -> None:
 def test_weights_that_are_not_finite_are_refused() -> None:
     from lndrl.policy import to_bytes
 
-    network = build_policy(CONFIG)
+    network = built_in(build_policy(CONFIG))
     network.head.weight.data[0, 0] = float("nan")
     with pytest.raises(UserError, match=r"head\.weight.*not finite"):
         load_into(build_policy(CONFIG), to_bytes(network))

@@ -15,6 +15,7 @@ from lndrl.navigation import Observation, draw_pedestrian_map
 from lndrl.policy import Inputs, NavigationNetwork, build_policy, build_value, prepare
 from lndrl.policy.structure import map_structure
 from lndrl.scenario import Scenario
+from tests.lndrl.policy.built_in import built_in, map_encoder_of
 
 
 def make_config(**network: object) -> RunConfig:
@@ -64,7 +65,7 @@ def config(request: pytest.FixtureRequest) -> RunConfig:
 @pytest.fixture(scope="module")
 def network(config: RunConfig) -> NavigationNetwork:
     torch.manual_seed(3)
-    return with_random_biases(build_policy(config))
+    return with_random_biases(built_in(build_policy(config)))
 
 
 def crowd(rows: list[list[tuple[float, float]]]) -> Observation:
@@ -105,8 +106,7 @@ def test_papers_parameter_counts() -> None:
 def test_without_pooling_the_map_keeps_its_size() -> None:
     config = make_config(pooling="none", map_channels=(2, 2, 2), features=8)
     network = build_policy(config)
-    assert network.map_encoder is not None
-    assert network.map_encoder.linear.weight.numel() == 8 * 2 * 48 * 48
+    assert map_encoder_of(network).linear.weight.numel() == 8 * 2 * 48 * 48
     observation = random_observation(np.random.default_rng(0), 3, 1.0)
     assert network(prepare(observation, config)).shape == (3, 28)
 
@@ -138,7 +138,7 @@ def test_sparse_equals_dense_on_maps_of_other_sizes(cells: int) -> None:
     config = make_config(**SMALL)
     task = config.task.model_copy(update={"map_cells": cells})
     config = config.model_copy(update={"task": task})
-    network = with_random_biases(build_policy(config))
+    network = with_random_biases(built_in(build_policy(config)))
     with torch.no_grad():
         sparse = network(prepare(adversarial(), config))
         reference = network(dense(adversarial(), config))
@@ -173,12 +173,11 @@ def test_sparse_gradients_equal_dense_ones(
 
 
 def test_frozen_weights_change_nothing(config: RunConfig) -> None:
-    network = with_random_biases(build_policy(config))
+    network = with_random_biases(built_in(build_policy(config)))
     inputs = prepare(adversarial(), config)
-    assert network.map_encoder is not None
     with torch.no_grad():
         before = network(inputs)
-        network.map_encoder.freeze()
+        map_encoder_of(network).freeze()
         torch.testing.assert_close(network(inputs), before, rtol=1e-6, atol=1e-6)
 
 

@@ -9,6 +9,7 @@ import torch
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.navigation import Observation
 from lndrl.policy import CompactObservation, Inputs, PolicyRunner, build_policy, prepare, to_bytes
+from tests.lndrl.policy.built_in import built_in
 
 NAMES = ["lndrl", "drl_laser", "drl_laser_ped", "no_variance", "no_reward"]
 
@@ -30,7 +31,7 @@ def observation_for(config: RunConfig, samples: int = 5) -> Observation:
 
 def answer(config: RunConfig, observation: Observation) -> torch.Tensor:
     torch.manual_seed(0)
-    network = build_policy(config)
+    network = built_in(build_policy(config))
     torch.nn.init.normal_(network.head.weight)
     with torch.no_grad():
         return network(prepare(observation, config))

@@ -3,8 +3,9 @@ import pytest
 from scipy import stats
 
 from lndrl.config import LaserConfig
-from lndrl.maps import OccupancyGrid, clearance, distance_field, raycast
+from lndrl.maps import OccupancyGrid, distance_field
 from lndrl.maps.edges import ray_map
+from lndrl.maps.raycast import clearance, raycast
 from lndrl.randomness import stream_state
 from lndrl.world.laser import Laser, add_noise, beam_bearings, make_fan
 

@@ -30,6 +30,7 @@ BENCH = {
         "truth": {"planner": "runs/one", "localization": "perfect"},
         "lone": {"planner": "runs/lone"},
         "far": {"planner": "elsewhere/far"},
+        "no_reward": {"planner": "runs/no_reward"},
     },
 }
 
@@ -169,7 +170,10 @@ def test_a_folder_that_is_no_run_is_not_cleared_away(configs: Path) -> None:
     ("method", "sentence"),
     [
         ("onne", "method 'onne' is unknown; did you mean one"),
-        ("dwa", "method dwa is a rule, nothing to train; learned are: one, two, truth, lone, far"),
+        (
+            "dwa",
+            "method dwa is a rule, nothing to train; learned are: one, two, truth, lone, far, ",
+        ),
         ("lone", "method lone: its configuration .*configs/lone.yaml does not exist"),
         ("far", "method far: planner elsewhere/far is no folder runs/NAME to train into"),
     ],
@@ -177,6 +181,14 @@ def test_a_folder_that_is_no_run_is_not_cleared_away(configs: Path) -> None:
 def test_what_cannot_be_trained_is_refused(configs: Path, method: str, sentence: str) -> None:
     with pytest.raises(UserError, match=sentence):
         plan(configs, method)
+
+
+def test_a_method_without_a_file_beside_the_bench_has_the_programs_own(configs: Path) -> None:
+    (run,) = plan(configs, "no_reward").methods
+    assert run.config == load_config("no_reward") and run.name == "no_reward"
+    (configs / "no_reward.yaml").write_text("base: one.yaml\n")
+    (run,) = plan(configs, "no_reward").methods
+    assert run.config.scenario.name == "room"
 
 
 def test_a_method_stands_on_one_line(configs: Path) -> None:
