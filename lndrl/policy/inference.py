@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
 from lndrl.policy.acting import DevicePolicy
 from lndrl.policy.device import resolve_device
 from lndrl.policy.inputs import prepare, supports_sparse
-from lndrl.policy.networks import build_policy
+from lndrl.policy.networks import Network, build_policy
 from lndrl.policy.weights import load_into
 
 
@@ -65,8 +64,8 @@ class PolicyRunner:
 
     def _freeze(self) -> None:
         """Make what acts from the weights, once for all calls until the next ones."""
-        self._acting: nn.Module = self.network
+        self._acting: Network = self.network
         if self.bfloat16 and self.device.type == "cpu":
             self._acting = self.network.coarse()
         if self.device.type == "cpu" and supports_sparse(self.config):
-            self._acting.freeze()  # type: ignore[operator]
+            self._acting.freeze()

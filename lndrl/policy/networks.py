@@ -246,7 +246,7 @@ class NavigationNetwork(nn.Module):
         if isinstance(self.map_encoder, MapEncoder):
             self.map_encoder.freeze()
 
-    def coarse(self) -> nn.Module:
+    def coarse(self) -> NavigationNetwork:
         """A copy that multiplies in bfloat16."""
         copied = copy.deepcopy(self).bfloat16()
         copied.head.float()  # eight bits would be too coarse for log-probabilities

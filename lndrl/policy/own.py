@@ -45,7 +45,7 @@ class OwnNetwork(nn.Module):
     def freeze(self) -> None:
         """Nothing is kept of weights that change."""
 
-    def coarse(self) -> nn.Module:
+    def coarse(self) -> OwnNetwork:
         """For products in bfloat16: autocast sees to them, the weights stay as they are."""
         return self
 
