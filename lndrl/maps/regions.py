@@ -8,18 +8,22 @@ from numpy.typing import NDArray
 from lndrl.maps.paths import Roadmap
 from lndrl.scenario import Box
 
-SMALLEST = 0.5  # m, side of a box; smaller ones are left out
+SMALLEST = 0.5  # m, side of a box; smaller ones are left out where there are others
 _GROWTH = 0.1  # m added to a side at a time
 
+Floats = NDArray[np.float64]
 
-def spread_boxes(roadmap: Roadmap, room: float, count: int, side: float) -> list[Box]:
+
+def spread_boxes(
+    roadmap: Roadmap, room: float, count: int, side: float, part: int = 0
+) -> list[Box]:
     """Up to ``count`` boxes, no side longer than ``side`` m, far from each other.
 
-    They lie in the roadmap's largest connected part; every point of them keeps ``room`` m to the
-    walls. Each is grown around the node that lies farthest from the boxes before it, so that
-    they reach every corner. Deterministic.
+    They lie in a connected ``part`` of the roadmap, by default the largest; every point of them
+    keeps ``room`` m to the walls. Each is grown around the node that lies farthest from the boxes
+    before it, so that they reach every corner. Deterministic.
     """
-    open_ = np.flatnonzero((roadmap.part == 0) & (roadmap.clear >= room + 0.5 * SMALLEST))
+    open_ = np.flatnonzero((roadmap.part == part) & (roadmap.clear >= room + 0.5 * SMALLEST))
     nodes, clear = roadmap.nodes[open_], roadmap.clear[open_]
     boxes: list[Box] = []
     if not len(nodes):
@@ -48,7 +52,8 @@ def grow_box(
 ) -> Box:
     """The box around ``seed`` (m) that grows on all sides in turn while it keeps ``room`` m.
 
-    Corners are multiples of a centimetre inside it, so that they read well in a file.
+    Corners are multiples of a centimetre inside it, so that they read well in a file; with a
+    ``side`` of 0 it is the seed's cell's centre alone.
     """
     need = room + 0.5 * resolution
     column, row = (int(v / resolution) for v in seed)
@@ -73,7 +78,15 @@ def grow_box(
             if growing[edge]:
                 low_c, low_r, high_c, high_r = c0, r0, c1, r1
     # From cell centre to cell centre: there the field is what it says.
-    low = np.ceil((np.array([low_c, low_r]) + 0.5) * resolution * 100 - 1e-6) / 100
-    high = np.floor((np.array([high_c, high_r]) + 0.5) * resolution * 100 + 1e-6) / 100
+    first, last = np.array([low_c, low_r]) + 0.5, np.array([high_c, high_r]) + 0.5
+    low = np.ceil(first * resolution * 100 - 1e-6) / 100
+    high = np.floor(last * resolution * 100 + 1e-6) / 100
+    # No such multiple within: a point, and off its cell's centre it would be nearer to a wall.
+    low = np.where(high < low, 0.5 * (first + last) * resolution, low)
     high = np.maximum(low, high)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def centre(box: Box) -> Floats:
+    """Middle (x, y) of a box (m)."""
+    return 0.5 * (np.array(box[:2]) + np.array(box[2:]))

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.errors import UserError
+from lndrl.maps.pairs import Pair, far_nodes, pair_boxes, wide_parts
 from lndrl.maps.paths import Roadmap, path_length
-from lndrl.maps.regions import spread_boxes
+from lndrl.maps.regions import centre, spread_boxes
 from lndrl.scenario import Box, Pedestrians, Point, RobotTask, Route
 
 PEDESTRIAN_ROOM = 0.3  # m of free room around a pedestrian's start and goal
@@ -25,10 +26,13 @@ _FLOOR_PER_REGION = 30.0  # m²
 _FLOOR_PER_PERSON = 6.0  # m²; denser crowds than the paper's only push
 _REGION_SIDE = 2.0  # m
 _SHORTEST_ROUTE = 4.0  # m
+_SHORTEST_WALK = 2.0  # m, where the map offers no such route
+_MOST_SHORT_ROUTES = 6
 _DETOURS = (1.1, 1.2, 1.3, 1.5)  # of ways to goals; the least that leaves enough to choose from
 _FAR = 3.0  # straight lines; the farthest that the robot's ways are searched
 _MOST_TASKS = 12
 _SHORTEST_TASK = 2.0  # m
+_SIDES = (_REGION_SIDE, 1.0, 0.0)  # m; the smaller where the larger offer no such distance
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +42,8 @@ def find_people(
 ) -> tuple[Pedestrians, str]:
     """``people`` with routes between free regions, and a note where the map is small for them.
 
-    Their count shrinks to one for every 6 m² of floor, to none where no route can be found.
+    Routes are 4 m or longer, or as near to that as the map offers. The count of people shrinks to
+    one for every 6 m² of floor, to none where no route can be found.
     """
     if people.routes or people.count[1] == 0:
         return people, ""
@@ -47,15 +52,34 @@ def find_people(
     boxes = spread_boxes(
         roadmap, PEDESTRIAN_ROOM, int(np.clip(floor / _FLOOR_PER_REGION, 4, 14)), _REGION_SIDE
     )
-    routes = _routes_between(roadmap, boxes)
+    routes, notes = _routes_between(roadmap, boxes), []
+    reason = f"{floor:.0f} m² of floor"
+    if not routes:
+        routes = _short_routes(roadmap)
+        reason = reason if routes else f"no two free places {_SHORTEST_WALK:g} m apart"
+        shortest = min((_length(route) for route in routes), default=_SHORTEST_ROUTE)
+        if shortest < _SHORTEST_ROUTE:
+            notes.append(
+                f"routes of people from {shortest:.1f} m on: the map offers few of "
+                f"{_SHORTEST_ROUTE:g} m"
+            )
     most = int(floor / _FLOOR_PER_PERSON) if routes else 0
     count = (min(people.count[0], most), min(people.count[1], most))
-    note = ""
     if count != people.count:
-        reason = f"{floor:.0f} m² of floor" if routes else "no two free regions 4 m apart"
-        note = f"{count[0]} to {count[1]} people instead of {people.count[0]} to "
-        note += f"{people.count[1]}: {reason}"
-    return people.model_copy(update={"routes": routes, "count": count}), note
+        notes.append(f"{_crowd(count)} instead of {_crowd(people.count)}: {reason}")
+    return people.model_copy(update={"routes": routes, "count": count}), "; ".join(notes)
+
+
+def _crowd(count: tuple[int, int]) -> str:
+    fewest, most = count
+    if most <= 1 and fewest == most:
+        return "1 person" if most else "no people"
+    return f"{most} people" if fewest == most else f"{fewest} to {most} people"
+
+
+def _length(route: Route) -> float:
+    """Metres from the middle of a route's start along its waypoints to that of its goal."""
+    return path_length(np.array([centre(route.start), *route.via, centre(route.goal)]))
 
 
 def find_tasks(
@@ -64,37 +88,33 @@ def find_tasks(
     robot_radius: float,
     wanted: tuple[float, float] | None,
     name: str,
+    searching: bool = True,
 ) -> tuple[list[RobotTask], tuple[float, float], str]:
     """Tasks for the robot, their start-goal distance (m), and a note where that had to shrink.
 
-    ``wanted`` None stands for 11 to 13 m or as near to that as the map offers. Raises UserError
-    naming the scenario when the floor is too small, or offers nothing at the ``wanted`` distance.
+    ``wanted`` None stands for 11 to 13 m or as near to that as the map offers. Regions that
+    spread over the floor come first; where no two of them are at the distance, and ``searching``,
+    others are looked for that are. Raises UserError naming the scenario when the floor is too
+    small, or offers nothing at the ``wanted`` distance.
     """
     room = robot_radius + ROBOT_MARGIN
     roadmap = Roadmap.build(distance, resolution, room, COMFORT)
     floor = float((distance > room).sum()) * resolution**2
     boxes = spread_boxes(roadmap, room, int(np.clip(floor / 12.0, 8, 30)), _REGION_SIDE)
-    if len(boxes) < 2:
-        raise UserError(
-            f"scenario {name}: the map has no two connected free places with {room:.2f} m of "
-            "room around the robot; check its resolution and thresholds"
-        )
     centres = _centres(boxes)
     straight = np.hypot(*(centres[:, None] - centres[None]).transpose(2, 0, 1))
     limits, note = wanted or TASK_DISTANCE, ""
     pairs = _pairs_within(straight, limits)
-    if not pairs:
-        longest = float(straight.max())
-        if wanted is not None or longest < _SHORTEST_TASK or longest > limits[0]:
-            raise UserError(
-                f"scenario {name}: no connected start and goal that are {limits[0]:g} to "
-                f"{limits[1]:g} m apart; the map offers up to {longest:.1f} m; change "
-                "start_goal_distance"
-            )
-        limits = (round(0.75 * longest, 1), round(longest, 1))
-        note = f"start and goal {limits[0]:g} to {limits[1]:g} m apart: the map offers no 11 m"
-        pairs = _pairs_within(straight, limits)
-    return _choose_tasks(roadmap, boxes, straight, pairs), limits, note
+    longest = float(straight.max(initial=0.0))
+    if not pairs and wanted is None and _SHORTEST_TASK <= longest <= limits[0]:
+        limits, pairs = _shrunk(straight)
+        note = _shrink_note(limits, far_nodes(roadmap, 0)[1])
+    if pairs:
+        return _choose_tasks(roadmap, boxes, straight, pairs), limits, note
+    found = _search_tasks(roadmap, room, boxes, wanted) if searching else None
+    if found is None:
+        raise UserError(f"scenario {name}: {_no_tasks(roadmap, room, wanted)}")
+    return found
 
 
 def plan_via(roadmap: Roadmap, start: Box, goal: Box) -> list[Point] | None:
@@ -134,6 +154,33 @@ def _routes_between(roadmap: Roadmap, boxes: list[Box]) -> list[Route]:
     return routes
 
 
+def _short_routes(roadmap: Roadmap) -> list[Route]:
+    """Routes between the ends of a floor that has no two regions with a way of 4 m; [] for none."""
+    if not len(roadmap.nodes):
+        return []
+    ends, reach = far_nodes(roadmap, 0)
+    if reach < _SHORTEST_WALK:
+        return []
+    limits = (0.75 * reach, reach)
+    routes = []
+    for pair in _first_pairs(roadmap, ends, limits, PEDESTRIAN_ROOM, _MOST_SHORT_ROUTES):
+        via = plan_via(roadmap, pair.start, pair.goal)
+        if via is not None:
+            routes.append(Route(start=pair.start, goal=pair.goal, via=via))
+    return routes[:_MOST_SHORT_ROUTES]
+
+
+def _first_pairs(
+    roadmap: Roadmap, seeds: NDArray[np.intp], limits: tuple[float, float], room: float, most: int
+) -> list[Pair]:
+    """Pairs of the largest regions that offer some at the distance (see ``pair_boxes``)."""
+    for side in _SIDES:
+        pairs = pair_boxes(roadmap, seeds, limits, room, side, most)
+        if pairs:
+            return pairs
+    return []
+
+
 def _waypoints(roadmap: Roadmap, path: Floats, start: Box, goal: Box) -> list[Point]:
     legs = roadmap.simplify(path, _LEG_ROOM)
     inner = list(legs[1:-1])
@@ -160,6 +207,85 @@ def _pairs_within(straight: Floats, limits: tuple[float, float]) -> list[tuple[i
     a, b = np.nonzero(np.triu((straight >= limits[0]) & (straight <= limits[1]), 1))
     off = np.abs(straight[a, b] - 0.5 * (limits[0] + limits[1]))
     return [(int(a[k]), int(b[k])) for k in np.argsort(off, kind="stable")]
+
+
+def _shrunk(straight: Floats) -> tuple[tuple[float, float], list[tuple[int, int]]]:
+    """The largest distances between regions that there are, to 0.1 m, and the pairs at them."""
+    longest = float(straight.max())
+    limits = (round(0.75 * longest, 1), round(longest, 1))
+    if not _pairs_within(straight, limits):  # rounded below the only pair
+        limits = _outwards(limits[0], longest)
+    return limits, _pairs_within(straight, limits)
+
+
+def _outwards(least: float, most: float) -> tuple[float, float]:
+    """Limits to 0.1 m that hold both distances."""
+    return float(np.floor(10.0 * least)) / 10.0, float(np.ceil(10.0 * most)) / 10.0
+
+
+def _shrink_note(limits: tuple[float, float], reach: float) -> str:
+    least = TASK_DISTANCE[0]
+    reason = "the map offers no" if reach < least else "none of its free regions lie"
+    return f"start and goal {limits[0]:g} to {limits[1]:g} m apart: {reason} {least:g} m"
+
+
+def _search_tasks(
+    roadmap: Roadmap, room: float, boxes: list[Box], wanted: tuple[float, float] | None
+) -> tuple[list[RobotTask], tuple[float, float], str] | None:
+    """What ``find_tasks`` returns, by pairs of regions that are made for the distance.
+
+    The first connected part, the largest before others, that offers some; smaller regions only
+    where larger ones do not do. None where there are none.
+    """
+    limits = wanted or TASK_DISTANCE
+    for part in wide_parts(roadmap, limits[0]):
+        tasks = _tasks_in(roadmap, part, room, boxes, limits)
+        if tasks:
+            return tasks, limits, ""
+    if wanted is not None or not len(roadmap.nodes):
+        return None
+    reach = far_nodes(roadmap, 0)[1]
+    limits = _outwards(0.75 * reach, reach)
+    tasks = _tasks_in(roadmap, 0, room, boxes, limits) if reach >= _SHORTEST_TASK else []
+    return (tasks, limits, _shrink_note(limits, reach)) if tasks else None
+
+
+def _tasks_in(
+    roadmap: Roadmap, part: int, room: float, boxes: list[Box], limits: tuple[float, float]
+) -> list[RobotTask]:
+    """Up to twelve tasks in one connected part, those with little detour if there are enough."""
+    outermost, reach = far_nodes(roadmap, part)
+    if reach < limits[0]:
+        return []
+    if part != 0:
+        boxes = spread_boxes(roadmap, room, 8, _REGION_SIDE, part)
+    seeds = np.concatenate([roadmap.nearest(_centres(boxes)), outermost])
+    pairs = _first_pairs(roadmap, seeds, limits, room, _MOST_TASKS)
+    for most in _DETOURS:
+        straight = [pair for pair in pairs if pair.detour <= most]
+        if len(straight) >= _MOST_TASKS:
+            break
+    straight = straight or sorted(pairs, key=lambda pair: pair.detour)[:3]
+    return [RobotTask(start=pair.start, goal=pair.goal) for pair in straight[:_MOST_TASKS]]
+
+
+def _no_tasks(roadmap: Roadmap, room: float, wanted: tuple[float, float] | None) -> str:
+    """Why there are none, in a sentence."""
+    if not len(roadmap.nodes):
+        return (
+            f"the map has no free place with {room:.2f} m of room around the robot; check its "
+            "resolution and thresholds"
+        )
+    offers = f"its largest connected floor offers up to {far_nodes(roadmap, 0)[1]:.1f} m"
+    if wanted is None:
+        return (
+            f"no connected start and goal that are {_SHORTEST_TASK:g} m apart or more; {offers}; "
+            "check its resolution, or give start_goal_distance"
+        )
+    return (
+        f"no connected start and goal that are {wanted[0]:g} to {wanted[1]:g} m apart; {offers}; "
+        "change start_goal_distance"
+    )
 
 
 def _choose_tasks(
@@ -194,5 +320,5 @@ def _choose_tasks(
 
 
 def _centres(boxes: list[Box]) -> Floats:
-    array = np.array(boxes, np.float64)
+    array = np.array(boxes, np.float64).reshape(-1, 4)
     return 0.5 * (array[:, :2] + array[:, 2:])

@@ -56,16 +56,18 @@ def generate(scenario: Scenario, index: int, robot_radius: float = 0.17) -> Scen
             f"start and goal {nearest:g} m apart; enlarge size or change start_goal_distance"
         )
     reason = ""
-    for attempt in range(_ATTEMPTS):
-        if own is not None:
-            layout = own(index, attempt)
-        else:
-            state = stream_state(settings.seed, index, attempt, _STREAM)
-            layout = _draw(scenario, index, state)
-        try:
-            return _furnish(layout, robot_radius)
-        except UserError as error:
-            reason = str(error)
+    # Another attempt is sooner made than a search; only where none offers a task it is searched.
+    for searching in (False, True):
+        for attempt in range(_ATTEMPTS):
+            if own is not None:
+                layout = own(index, attempt)
+            else:
+                state = stream_state(settings.seed, index, attempt, _STREAM)
+                layout = _draw(scenario, index, state)
+            try:
+                return _furnish(layout, robot_radius, searching)
+            except UserError as error:
+                reason = str(error)
     raise UserError(
         f"scenario {scenario.name}: none of {_ATTEMPTS} attempts at layout {index} offers room "
         f"({reason}); enlarge size or change start_goal_distance"
@@ -136,12 +138,14 @@ def _settings(scenario: Scenario) -> RandomLayouts:
     return scenario.random or RandomLayouts()
 
 
-def _furnish(layout: Scenario, robot_radius: float) -> Scenario:
+def _furnish(layout: Scenario, robot_radius: float, searching: bool) -> Scenario:
     grid = grid_from_scenario(layout)
     distance = distance_field(grid.occupied, grid.resolution)
     if not layout.robot:
         wanted = layout.start_goal_distance or TASK_DISTANCE
-        tasks, limits, _ = find_tasks(distance, grid.resolution, robot_radius, wanted, layout.name)
+        tasks, limits, _ = find_tasks(
+            distance, grid.resolution, robot_radius, wanted, layout.name, searching
+        )
         layout = layout.model_copy(update={"robot": tasks, "start_goal_distance": limits})
     people, note = find_people(layout.pedestrians, distance, grid.resolution)
     if note:
