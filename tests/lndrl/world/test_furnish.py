@@ -11,9 +11,13 @@ from PIL import Image
 
 from lndrl.config import WorldConfig, load_scenario
 from lndrl.errors import UserError
+from lndrl.maps.embedded import pack
+from lndrl.maps.grid import distance_field
+from lndrl.maps.ros_map import FREE, OCCUPIED, grid_of_cells
 from lndrl.randomness import stream_state
 from lndrl.scenario import Scenario
 from lndrl.world import Place, World
+from lndrl.world.furnish import find_tasks
 
 STEP = 0.05
 ORIGIN = (-12.3, 4.7)
@@ -48,6 +52,20 @@ def building(width: float = 30.0, height: float = 20.0) -> np.ndarray:
 def scenario(path: Path, **changes: object) -> Scenario:
     plain = {"name": "b", "kind": "map", "map": str(path), "pedestrians": {"count": [6, 9]}}
     return Scenario.model_validate({**plain, **changes})
+
+
+def closed(rows: int, columns: int, wall: int = 4) -> np.ndarray:
+    """An empty hall of that many cells, walls included."""
+    floor = np.zeros((rows, columns), bool)
+    floor[wall:-wall, wall:-wall] = True
+    return floor
+
+
+def built(floor: np.ndarray, **changes: object) -> Place:
+    """The place of a map whose cells are ``floor`` or wall."""
+    grid = grid_of_cells(np.where(floor, FREE, OCCUPIED).astype(np.uint8), STEP, ORIGIN)
+    plain = {"name": "b", "kind": "map", "resolution": STEP, "size": grid.size}
+    return Place.build(Scenario.model_validate({**plain, "cells": pack(grid), **changes}))
 
 
 def room_between(place: Place, a: np.ndarray, b: np.ndarray) -> float:
@@ -154,6 +172,117 @@ def test_small_maps_shrink_what_is_asked_and_say_so(tmp_path) -> None:
     assert small.scenario.pedestrians.count[1] < 12
     assert len(small.notes) == 2
     assert "the map offers no 11 m" in small.notes[1]
+
+
+def distances(place: Place, tasks: int = 30) -> list[float]:
+    """Start-goal distances (m) of drawn tasks."""
+    state = stream_state(5)
+    ends = [place.draw_task(state) for _ in range(tasks)]
+    return [float(np.hypot(goal[0] - start[0], goal[1] - start[1])) for start, goal in ends]
+
+
+@pytest.mark.parametrize("side", [40, 45, 60])
+def test_large_empty_halls_get_tasks(side) -> None:
+    hall = built(closed(20 * side, 20 * side))
+    assert hall.scenario.start_goal_distance == (11.0, 13.0) and hall.notes == ()
+    assert len(hall.scenario.robot) == 12
+    assert 11.0 <= min(distances(hall)) <= max(distances(hall)) <= 13.0
+    starts = np.array([task.start[:2] for task in hall.scenario.robot])
+    assert np.ptp(starts, axis=0).min() > 0.8 * side  # all over the hall
+
+
+@pytest.mark.parametrize("side", [80, 100, 150])
+def test_so_do_halls_of_millions_of_cells(side) -> None:
+    field = distance_field(~closed(20 * side, 20 * side), STEP)
+    tasks, limits, note = find_tasks(field, STEP, 0.17, None, "hall")
+    assert (len(tasks), limits, note) == (12, (11.0, 13.0), "")
+
+
+def test_random_layouts_are_searched_only_when_they_say_so() -> None:
+    field = distance_field(~closed(600, 600), STEP)
+    find_tasks(field, STEP, 0.17, (11.0, 13.0), "hall")
+    with pytest.raises(UserError, match=r"hall: no connected start and goal that are 11 to 13 m"):
+        find_tasks(field, STEP, 0.17, (11.0, 13.0), "hall", searching=False)
+
+
+def test_rooms_of_every_length_get_tasks() -> None:
+    for columns in range(56, 300):
+        room = built(closed(28, columns, 2), pedestrians={"count": [0, 0]})
+        nearest, farthest = room.scenario.start_goal_distance or (0.0, 0.0)
+        assert 1.4 <= nearest < farthest
+        reached = distances(room, 5)
+        assert nearest <= min(reached) and max(reached) <= farthest
+        diagonal = np.hypot((columns - 4) * STEP - 2 * 0.27, 24 * STEP - 2 * 0.27)
+        assert farthest <= diagonal + 0.1
+        assert (nearest == 11.0) == (room.notes == ())
+        assert nearest == 11.0 or diagonal < 13.5
+        kept = "the map offers no 11 m" if diagonal < 10.9 else "11 m"
+        assert nearest == 11.0 or kept in room.notes[0]
+
+
+@pytest.mark.parametrize("rows", [15, 16, 17, 19, 24])  # 0.55 m between the walls, and more
+@pytest.mark.parametrize("columns", [60, 61, 120, 251, 262, 299])
+def test_narrow_corridors_get_tasks(rows, columns) -> None:
+    corridor = built(closed(rows, columns, 2), pedestrians={"count": [0, 0]})
+    nearest, farthest = corridor.scenario.start_goal_distance or (0.0, 0.0)
+    reached = distances(corridor)
+    assert nearest <= min(reached) and max(reached) <= farthest
+    assert (nearest == 11.0) == (columns > 250)
+
+
+def test_a_wanted_distance_is_found_wherever_it_is_offered() -> None:
+    for columns in (250, 262, 280):  # regions in its corners are at most 11.2 m apart
+        room = closed(60, columns, 2)
+        along = (columns - 4) * STEP - 2 * 0.27
+        offered = built(room, start_goal_distance=[along - 0.6, along])
+        assert along - 0.6 <= min(distances(offered)) <= max(distances(offered)) <= along
+        with pytest.raises(UserError, match=r"are 20 to 21 m apart; its largest connected floor"):
+            built(room, start_goal_distance=[20, 21])
+    # The largest floor is not the longest.
+    floor = np.zeros((220, 420), bool)
+    floor[4:184, 4:184] = True
+    floor[190:210, 4:404] = True
+    corridor = built(floor, start_goal_distance=[14, 16])
+    assert min(task.start[1] for task in corridor.scenario.robot) > 9.5
+
+
+def arena() -> np.ndarray:
+    """Like TurtleBot3's world: a hexagon of about 4 x 4 m, nine pillars a metre apart."""
+    side = np.arange(120) * STEP - 3.0
+    x, y = np.meshgrid(side, side)
+    floor = np.maximum(abs(x), 0.5 * abs(x) + 0.866 * abs(y)) < 2.2
+    for column in (-1.1, 0.0, 1.1):
+        for row in (-1.1, 0.0, 1.1):
+            floor &= np.hypot(x - column, y - row) > 0.16
+    return floor
+
+
+def test_a_first_map_of_ros_gets_people() -> None:
+    small = built(arena())
+    assert small.scenario.pedestrians.count == (1, 1)
+    routes = small.scenario.pedestrians.routes
+    assert len(routes) >= 3
+    lengths = []
+    for route in routes:
+        ways = [np.array([*route.start[:2]]), *map(np.array, route.via), np.array(route.goal[:2])]
+        lengths.append(sum(np.hypot(*(b - a)) for a, b in pairwise(ways)))
+        assert all(room_between(small, a, b) > 0.2 for a, b in pairwise(ways))
+    assert 2.0 < min(lengths) < 4.0
+    assert small.notes[0].startswith("routes of people from ")
+    assert small.notes[0].endswith("; 1 person instead of 12 to 16 people: 7 m² of floor")
+    world = World(small, WorldConfig())
+    world.reset(2, 0, 0)
+    before = world.pedestrian_position.copy()
+    for _ in range(40):
+        world.begin_step(0.0, 0.0)
+        world.tick()
+    assert np.hypot(*(world.pedestrian_position - before).T).max() > 0.5
+
+
+def test_a_closet_has_no_people() -> None:
+    closet = built(closed(50, 50, 4), start_goal_distance=[0.6, 2.0])
+    assert closet.scenario.pedestrians.count == (0, 0)
+    assert closet.notes == ("no people instead of 12 to 16 people: no two free places 2 m apart",)
 
 
 def test_impossible_maps_are_refused(tmp_path) -> None:
