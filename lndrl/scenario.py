@@ -91,7 +91,10 @@ class MapCells(Model):
     rows: Count = Field(description="cells along y, the lowest row first")
     columns: Count = Field(description="cells along x")
     origin: Point = Field(description="map frame position of the lower left corner (m)")
-    data: str = Field(description="base64 of deflated bytes: 0 free, 1 occupied, 2 unknown")
+    data: str = Field(
+        description="base64 of deflated bytes: 0 free, 1 occupied, 2 unknown, 3 where the image "
+        "ends beside floor"
+    )
 
 
 class Mix(Model):
@@ -150,6 +153,11 @@ class Scenario(Model):
     )
     map: str | None = Field(None, description="ROS map_server YAML, relative to this file")
     cells: MapCells | None = Field(None, description="filled in when the map is read")
+    inside: Annotated[Point | None, LATER] = Field(
+        None,
+        description="x, y of a point (m, map frame) on the floor of a map that people and tasks "
+        "are to be found on. Default: the largest floor",
+    )
     random: RandomLayouts | None = Field(None, description="of kind random; default: all defaults")
     pedestrians: Pedestrians = Field(Pedestrians(), description="who walks there")
     robot: list[RobotTask] = Field(
@@ -168,6 +176,8 @@ class Scenario(Model):
         getattr(self, f"_check_{self.kind}")()
         if self.kind != "map" and (self.map is not None or self.cells is not None):
             raise ValueError("map needs kind: map")
+        if self.kind != "map" and self.inside is not None:
+            raise ValueError("inside needs kind: map; it chooses a floor of a map")
         if self.kind != "random" and self.random is not None:
             raise ValueError("random needs kind: random")
         limits = self.start_goal_distance

@@ -50,7 +50,11 @@ def _check_place(config: RunConfig) -> None:
         return
     from lndrl.world import Place
 
-    Place.build(config.scenario, config.world.robot_radius)
+    Place.build(
+        config.scenario,
+        config.world.robot_radius,
+        arrive_distance=config.task.arrive_distance,
+    )
 
 
 def _new(config_name: str, name: str | None, overrides: Sequence[str]) -> tuple[RunConfig, Path]:

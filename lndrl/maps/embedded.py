@@ -11,7 +11,7 @@ import numpy as np
 
 from lndrl.errors import UserError
 from lndrl.maps.grid import OccupancyGrid
-from lndrl.maps.ros_map import FREE, OCCUPIED, UNKNOWN, load_ros_map
+from lndrl.maps.ros_map import BEYOND, FREE, OCCUPIED, UNKNOWN, load_ros_map
 from lndrl.scenario import MapCells, Scenario
 
 
@@ -35,6 +35,8 @@ def pack(grid: OccupancyGrid) -> MapCells:
     cells = np.where(grid.occupied, OCCUPIED, FREE).astype(np.uint8)
     if grid.unknown is not None:
         cells[grid.unknown] = UNKNOWN
+    if grid.edge is not None:
+        cells[grid.edge] = BEYOND
     rows, columns = grid.shape
     data = base64.b64encode(zlib.compress(cells.tobytes(), 9)).decode("ascii")
     return MapCells(rows=rows, columns=columns, origin=grid.origin, data=data)
@@ -54,13 +56,17 @@ def unpack(scenario: Scenario) -> OccupancyGrid:
     except (binascii.Error, zlib.error) as error:
         raise UserError(f"scenario {scenario.name}: cells.data is damaged ({error})") from None
     cells = np.frombuffer(data, np.uint8)
-    if cells.size != count or cells.max(initial=0) > UNKNOWN:
+    if cells.size != count or cells.max(initial=0) > BEYOND:
         raise UserError(
             f"scenario {scenario.name}: cells.data holds {cells.size} cells; "
-            f"{packed.rows} x {packed.columns} of 0, 1 and 2 are needed"
+            f"{packed.rows} x {packed.columns} of 0, 1, 2 and 3 are needed"
         )
     cells = cells.reshape(packed.rows, packed.columns)
-    unknown = cells == UNKNOWN
+    unknown, edge = cells == UNKNOWN, cells == BEYOND
     return OccupancyGrid(
-        cells != FREE, scenario.resolution, packed.origin, unknown if unknown.any() else None
+        cells != FREE,
+        scenario.resolution,
+        packed.origin,
+        unknown if unknown.any() else None,
+        edge if edge.any() else None,
     )

@@ -22,13 +22,15 @@ class OccupancyGrid:
     ``occupied`` is ``(height, width)``; cell (r, c) covers x in
     ``[ox + c * resolution, ox + (c + 1) * resolution)`` and y likewise with r (metres, map frame).
     ``unknown`` are those of the occupied cells about which a map says nothing: nobody walks and
-    no laser looks there, but they are no obstacles to a localization.
+    no laser looks there, but they are no obstacles to a localization. ``edge`` are those that
+    stand where a map's image ends beside floor.
     """
 
     occupied: Mask
     resolution: float
     origin: tuple[float, float] = (0.0, 0.0)
     unknown: Mask | None = None
+    edge: Mask | None = None
 
     @property
     def mapped(self) -> Mask:

@@ -28,7 +28,7 @@ from lndrl.maps.grid import OccupancyGrid
 from lndrl.models import Model, Positive, Probability, load_yaml, validate
 from lndrl.scenario import MOST_CELLS
 
-FREE, OCCUPIED, UNKNOWN = 0, 1, 2
+FREE, OCCUPIED, UNKNOWN, BEYOND = 0, 1, 2, 3  # the last: outside the image
 Cells = NDArray[np.uint8]
 
 
@@ -67,7 +67,7 @@ def load_ros_map(path: Path | str) -> OccupancyGrid:
     values, opaque = _read_image(image, path)
     cells = classify(values, opaque, about)[::-1]  # row 0 is the lowest y
     cells, origin = _along_the_axes(cells, about)
-    known = cells != UNKNOWN
+    known = cells < UNKNOWN
     if not (cells == FREE).any():
         raise UserError(
             f"{image}: no pixel is free floor; {path} has negate: {int(about.negate)} and "
@@ -75,25 +75,40 @@ def load_ros_map(path: Path | str) -> OccupancyGrid:
         )
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     bottom, left = rows[0], columns[0]
+    ring = np.pad(cells, 1, constant_values=BEYOND)
+    ring = ring[bottom : rows[-1] + 3, left : columns[-1] + 3]
     cells = cells[bottom : rows[-1] + 1, left : columns[-1] + 1]
     origin = (origin[0] + left * about.resolution, origin[1] + bottom * about.resolution)
-    return grid_of_cells(cells, about.resolution, origin)
+    return grid_of_cells(cells, about.resolution, origin, ring)
 
 
-def grid_of_cells(cells: Cells, resolution: float, origin: tuple[float, float]) -> OccupancyGrid:
-    """A closed grid of ``cells`` (rows, columns) FREE, OCCUPIED or UNKNOWN, row 0 the lowest y."""
+def grid_of_cells(
+    cells: Cells,
+    resolution: float,
+    origin: tuple[float, float],
+    ring: Cells | None = None,
+) -> OccupancyGrid:
+    """A closed grid of ``cells`` (rows, columns) FREE, OCCUPIED, UNKNOWN or BEYOND, row 0 the
+    lowest y.
+
+    ``ring`` are the cells with one more on every side, which is needed where floor lies at the
+    edge; without it they are taken for UNKNOWN.
+    """
     edge = np.ones(cells.shape, np.bool_)
     edge[1:-1, 1:-1] = False
     if (edge & (cells == FREE)).any():
-        cells = np.pad(cells, 1, constant_values=UNKNOWN)
+        cells = np.pad(cells, 1, constant_values=UNKNOWN) if ring is None else ring
         origin = (origin[0] - resolution, origin[1] - resolution)
     free = cells == FREE
-    unknown = cells == UNKNOWN
+    unknown = cells >= UNKNOWN
     # Diagonally too: a ray or a step must not slip between two cells.
     near_free = np.asarray(Image.fromarray(free.view(np.uint8)).filter(ImageFilter.MaxFilter(3)))
     seam = unknown & (near_free > 0)
     deep = unknown & ~seam
-    return OccupancyGrid(~free, resolution, origin, deep if deep.any() else None)
+    edge = seam & (cells == BEYOND)
+    return OccupancyGrid(
+        ~free, resolution, origin, deep if deep.any() else None, edge if edge.any() else None
+    )
 
 
 def classify(values: NDArray[np.float64], opaque: NDArray[np.bool_], about: MapFile) -> Cells:
@@ -171,7 +186,7 @@ def _grey(opened: Image.Image) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
 def _along_the_axes(cells: Cells, about: MapFile) -> tuple[Cells, tuple[float, float]]:
     """The cells in a grid along the map frame's axes, and that grid's lower left corner (m).
 
-    Nearest-neighbour sampling where the image is turned; corners it does not cover are UNKNOWN.
+    Nearest-neighbour sampling where the image is turned; corners it does not cover are BEYOND.
     """
     x, y, yaw = about.origin
     step = about.resolution
@@ -189,6 +204,6 @@ def _along_the_axes(cells: Cells, about: MapFile) -> tuple[Cells, tuple[float, f
     column = np.floor((c * along + s * up) / step).astype(int)
     row = np.floor((c * up - s * along) / step).astype(int)
     inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    out = np.full((height, width), UNKNOWN, np.uint8)
+    out = np.full((height, width), BEYOND, np.uint8)
     out[inside] = cells[row[inside], column[inside]]
     return out, (x + float(low[0]), y + float(low[1]))

@@ -34,7 +34,9 @@ def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, Likel
 
     Raises UserError for an impossible scenario.
     """
-    place = Place.build(config.scenario, config.world.robot_radius, layout)
+    place = Place.build(
+        config.scenario, config.world.robot_radius, layout, config.task.arrive_distance
+    )
     return place, LikelihoodMap.build(place.grid, config.localization)
 
 

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from lndrl.config import WorldConfig
+from lndrl.config import TaskConfig, WorldConfig
 from lndrl.errors import UserError
 from lndrl.maps.edges import RayMap, ray_map
 from lndrl.maps.embedded import unpack, with_map
@@ -17,8 +17,10 @@ from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
 from lndrl.maps.outlines import Outline, geometry_outlines, grid_outlines, segments
 from lndrl.maps.paths import Roadmap
 from lndrl.maps.raycast import clearance, sample_field
+from lndrl.maps.regions import centre
 from lndrl.randomness import State, stream_state, uniform
 from lndrl.scenario import Box, Point, RobotTask, Route, Scenario
+from lndrl.world.floors import edge_note, floor_around
 from lndrl.world.furnish import (
     COMFORT,
     PEDESTRIAN_ROOM,
@@ -49,7 +51,8 @@ class Place:
     (uint8), ``rays`` what the laser needs; ``outlines`` closed polygons (n, 2) (m) of everything
     solid, solid on the left of each edge, circles as polygons; ``walls`` ``(S, 4)`` their edges
     [x0, y0, x1, y1] (m); ``regions`` uint16 ``(h, w)`` numbers the connected areas that the
-    robot's centre can move in, 0 where it does not fit. ``notes`` say what had to give way.
+    robot's centre can move in, 0 where it does not fit. ``arrive_distance`` (m) is what the goal
+    counts as reached within; no episode starts there. ``notes`` say what had to give way.
     """
 
     scenario: Scenario
@@ -60,20 +63,29 @@ class Place:
     walls: NDArray[np.float64]
     regions: NDArray[np.uint16]
     robot_radius: float
+    arrive_distance: float
     outlines: tuple[Outline, ...] = ()
     map_origin: Point = (0.0, 0.0)
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def build(cls, scenario: Scenario, robot_radius: float | None = None, layout: int = 0) -> Place:
-        """Rasterise and validate ``scenario`` for a robot of ``robot_radius`` m (default: the
-        configuration's); ``layout`` picks one of a random scenario's.
+    def build(
+        cls,
+        scenario: Scenario,
+        robot_radius: float | None = None,
+        layout: int = 0,
+        arrive_distance: float | None = None,
+    ) -> Place:
+        """Rasterise and validate ``scenario`` for a robot of ``robot_radius`` m that arrives
+        within ``arrive_distance`` m of its goal (defaults: the configuration's); ``layout`` picks
+        one of a random scenario's.
 
         Raises UserError (scenario, region, mend) when a region leaves the map or has no free
-        room, when a robot task has no connected start and goal at ``start_goal_distance``, and
-        for what is wrong with a map.
+        room, when a robot task has no connected start and goal at ``start_goal_distance`` and
+        farther apart than ``arrive_distance``, and for what is wrong with a map.
         """
         radius = WorldConfig().robot_radius if robot_radius is None else robot_radius
+        arrive = TaskConfig().arrive_distance if arrive_distance is None else arrive_distance
         if scenario.kind == "random":
             scenario = generate(scenario, layout, radius)
         origin: Point = (0.0, 0.0)
@@ -95,7 +107,7 @@ class Place:
             )
         notes: tuple[str, ...] = ()
         if scenario.kind == "map":
-            scenario, notes = _furnished(scenario, distance, grid.resolution, radius)
+            scenario, notes = _furnished(scenario, grid, distance, regions, radius, origin)
         cells = clearance(distance, grid.resolution)
         place = cls(
             scenario,
@@ -106,6 +118,7 @@ class Place:
             segments(outlines),
             regions.astype(np.uint16),
             radius,
+            arrive,
             outlines,
             origin,
             notes,
@@ -127,7 +140,8 @@ class Place:
         return None if np.isnan(x) else (x, y)
 
     def draw_task(self, state: State) -> tuple[Start, Start]:
-        """Start and goal (m) of an episode: connected, free, at ``start_goal_distance``.
+        """Start and goal (m) of an episode: connected, free, at ``start_goal_distance``, and not
+        within ``arrive_distance`` of each other.
 
         Raises UserError when none is found; ``build`` has checked that this is no rule.
         """
@@ -148,7 +162,8 @@ class Place:
             if start is None or goal is None:
                 return None
             distance = float(np.hypot(goal[0] - start[0], goal[1] - start[1]))
-            if nearest <= distance <= farthest and self._connected(start, goal):
+            far_enough = nearest <= distance and self.arrive_distance <= distance
+            if far_enough and distance <= farthest and self._connected(start, goal):
                 return start, goal
         return None
 
@@ -205,10 +220,18 @@ class Place:
                 f"radius {self.robot_radius:g} m; open a way or move a region"
             )
         nearest, farthest = self.scenario.start_goal_distance or _ANY_DISTANCE
+        said = f"scenario {name}: robot.{number} has no connected start and goal that are"
+        if nearest >= self.arrive_distance:
+            return (
+                f"{said} {nearest:g} to {farthest:g} m apart; move its regions or widen "
+                "start_goal_distance"
+            )
+        most, mend = "", ""
+        if np.isfinite(farthest):
+            most, mend = f" and at most {farthest:g} m", " or widen start_goal_distance"
         return (
-            f"scenario {name}: robot.{number} has no connected start and goal that "
-            f"are {nearest:g} to {farthest:g} m apart; move its regions or widen "
-            "start_goal_distance"
+            f"{said} at least {self.arrive_distance:g} m{most} apart; nearer ones have arrived "
+            f"(task.arrive_distance); move its regions apart{mend}"
         )
 
     def _window(self, box: Box) -> tuple[slice, slice]:
@@ -242,22 +265,35 @@ def _moved(scenario: Scenario, by: Point) -> Scenario:
     ]
     tasks = [task.model_copy(update=ends(task)) for task in scenario.robot]
     people = scenario.pedestrians.model_copy(update={"routes": routes})
-    return scenario.model_copy(update={"pedestrians": people, "robot": tasks})
+    inside = scenario.inside and (scenario.inside[0] + by[0], scenario.inside[1] + by[1])
+    return scenario.model_copy(update={"pedestrians": people, "robot": tasks, "inside": inside})
 
 
 def _furnished(
-    scenario: Scenario, distance: NDArray[np.float32], resolution: float, radius: float
+    scenario: Scenario,
+    grid: OccupancyGrid,
+    distance: NDArray[np.float32],
+    regions: NDArray[np.int32],
+    radius: float,
+    origin: Point,
 ) -> tuple[Scenario, tuple[str, ...]]:
     """A map scenario with people and tasks where it names none, and what had to give way."""
-    people, note = find_people(scenario.pedestrians, distance, resolution)
+    if scenario.inside is not None:
+        chosen = floor_around(scenario, grid, regions, origin, radius)
+        distance = np.where(regions == chosen, distance, np.float32(0.0))
+    people, note = find_people(scenario.pedestrians, distance, grid.resolution)
     notes = [note] if note else []
+    found = [] if scenario.pedestrians.routes else [centre(r.start) for r in people.routes]
     changes: dict[str, object] = {"pedestrians": people}
     if not scenario.robot:
         tasks, limits, note = find_tasks(
-            distance, resolution, radius, scenario.start_goal_distance, scenario.name
+            distance, grid.resolution, radius, scenario.start_goal_distance, scenario.name
         )
+        found += [centre(task.start) for task in tasks]
         changes |= {"robot": tasks, "start_goal_distance": limits}
         notes += [note] if note else []
+    note = edge_note(scenario, grid, regions, radius, found)
+    notes += [note] if note else []
     return scenario.model_copy(update=changes), tuple(notes)
 
 

@@ -360,3 +360,16 @@ def test_the_truth_is_never_late() -> None:
     navigation = started(made_config(localization={"kind": "perfect", "delay": 3}))
     navigation.step(0.6, 0.9)
     assert navigation.track.path_estimated[1] == pytest.approx(navigation.world.pose_true[:2])
+
+
+def test_nobody_arrives_without_moving() -> None:
+    here = {"start": [1.5, 1.5, 3.5, 3.5], "goal": [1.5, 2.5, 3.5, 4.5]}  # they overlap
+    scenario = {**SCENARIO, "robot": [here], "pedestrians": {"count": [0, 0]}}
+    for arrive in (0.5, 0.8):
+        config = made_config(scenario=scenario, task={"arrive_distance": arrive})
+        place, field = build_surroundings(config)
+        assert place.arrive_distance == arrive
+        navigation = Navigation(place, field, config, 0)
+        for episode in range(100):
+            navigation.reset(episode)
+            assert not navigation.step(0.0, 0.0).terminated, episode

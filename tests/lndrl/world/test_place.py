@@ -111,3 +111,44 @@ def test_a_larger_robot_needs_more_room():
     Place.build(Scenario.model_validate(narrow), 0.17)
     with pytest.raises(UserError, match=r"robot\.0\.goal"):
         Place.build(Scenario.model_validate(narrow), 0.6)
+
+
+def test_no_episode_starts_where_it_has_arrived():
+    overlapping = [{"start": [1, 1, 3, 3], "goal": [1, 2, 3, 4]}]
+    scenario = changed(robot=overlapping, start_goal_distance=None)
+    nearest = {}
+    for arrive in (None, 0.05, 1.2):
+        place = Place.build(scenario, arrive_distance=arrive)
+        state = stream_state(4)
+        tasks = [place.draw_task(state) for _ in range(200)]
+        nearest[arrive] = min(np.hypot(*np.subtract(goal, start)) for start, goal in tasks)
+    assert 0.05 <= nearest[0.05] < 0.3  # so near they get where that is not there yet
+    assert 0.5 <= nearest[None] < 0.7  # the configuration's default
+    assert 1.2 <= nearest[1.2] < 1.5
+    # The rule holds beside a distance that a scenario names.
+    place = Place.build(changed(robot=overlapping, start_goal_distance=[0.0, 0.7]))
+    state = stream_state(4)
+    for _ in range(100):
+        start, goal = place.draw_task(state)
+        assert 0.5 <= np.hypot(*np.subtract(goal, start)) <= 0.7
+
+
+def test_pairs_that_are_far_enough_are_drawn_as_ever():
+    place, lenient = (Place.build(changed(), arrive_distance=a) for a in (0.5, 0.001))
+    states = stream_state(6), stream_state(6)
+    for _ in range(50):
+        assert place.draw_task(states[0]) == lenient.draw_task(states[1])
+    assert states[0].tolist() == states[1].tolist()
+
+
+def test_regions_in_which_one_has_always_arrived_are_refused():
+    same = [{"start": [1, 1, 1.2, 1.2], "goal": [1, 1, 1.2, 1.2]}]
+    said = r"robot\.0 has no connected start and goal that are at least 0\.5 m"
+    with pytest.raises(UserError, match=said + r" apart; nearer ones have arrived \(task\.arrive_"):
+        Place.build(changed(robot=same, start_goal_distance=None))
+    with pytest.raises(
+        UserError, match=said + r" and at most 0\.4 m apart; .* or widen start_goal"
+    ):
+        Place.build(changed(robot=same, start_goal_distance=[0.1, 0.4]))
+    with pytest.raises(UserError, match=r"that are at least 8 m and at most 7 m apart"):
+        Place.build(changed(), arrive_distance=8.0)
