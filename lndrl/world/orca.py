@@ -16,12 +16,23 @@ _EPSILON = 1e-5
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def orca_line(
-    relative_x, relative_y, velocity_x, velocity_y, other_vx, other_vy, combined, horizon, period
+    relative_x,
+    relative_y,
+    velocity_x,
+    velocity_y,
+    other_vx,
+    other_vy,
+    combined,
+    horizon,
+    period,
+    side,
 ):
     """Half-plane (px, py, dx, dy) that one neighbour leaves to the agent.
 
     ``relative_*`` is neighbour minus agent (m), ``combined`` the sum of radii (m), ``horizon``
-    the look-ahead (s), ``period`` the time in which an overlap is to be resolved (s).
+    the look-ahead (s), ``period`` the time in which an overlap is to be resolved (s). ``side``,
+    -1 or 1 and the other one for the neighbour, is where to (along x) two go that nothing tells
+    apart.
     """
     slip_x = velocity_x - other_vx
     slip_y = velocity_y - other_vy
@@ -39,7 +50,7 @@ def orca_line(
         if length > 1e-9:
             unit_x, unit_y = wx / length, wy / length
         else:
-            unit_x, unit_y = 1.0, 0.0  # any direction out of the exact centre
+            unit_x, unit_y = side, 0.0  # any direction out of the exact centre, but not the same
         push = combined * inverse - length
         dx, dy = unit_y, -unit_x
         ux, uy = push * unit_x, push * unit_y
@@ -225,6 +236,7 @@ def orca_velocity(
             2.0 * radius,
             horizon,
             period,
+            -1.0 if agent < other else 1.0,
         )
         lines[firm + k, 0] = px
         lines[firm + k, 1] = py

@@ -18,15 +18,20 @@ def pair_force(dx, dy, slip_x, slip_y, strength_lambda, gamma, n, n_prime, cutof
     """Repulsion (fx, fy) that an agent feels from another, who feels its negative.
 
     (dx, dy) is the other's position minus the agent's (m), ``slip_*`` the agent's velocity minus
-    the other's (m/s). Exact to 1e-7; 0 beyond ``cutoff`` m and between agents at one point.
+    the other's (m/s). Exact to 1e-7; 0 beyond ``cutoff`` m. Of two at one point each has the
+    other on another side: this one sees it along +x.
     """
     square = dx * dx + dy * dy
-    if square > cutoff * cutoff or square < 1e-12:
+    if square > cutoff * cutoff:
         return 0.0, 0.0
-    distance = np.sqrt(square)
-    inverse = 1.0 / distance
-    dx *= inverse
-    dy *= inverse
+    if square < 1e-12:
+        distance = 0.0
+        dx, dy = 1.0, 0.0
+    else:
+        distance = np.sqrt(square)
+        inverse = 1.0 / distance
+        dx *= inverse
+        dy *= inverse
     ix = strength_lambda * slip_x + dx
     iy = strength_lambda * slip_y + dy
     length2 = ix * ix + iy * iy

@@ -114,10 +114,23 @@ def test_half_plane_matches_the_velocity_obstacle_drawn_point_by_point():
         relative = rng.uniform(-3, 3, 2)
         own, other = rng.normal(0, 0.5, (2, 2))
         point, normal = slow_line(relative, own, other, 0.8, 3.0, 0.4)
-        px, py, dx, dy = orca_line(*relative, *own, *other, 0.8, 3.0, 0.4)
+        px, py, dx, dy = orca_line(*relative, *own, *other, 0.8, 3.0, 0.4, 1.0)
         # Allowed side is the left of the direction, where the outward normal points.
         assert [-dy, dx] == pytest.approx(normal, abs=2e-3)
         assert (np.array([px, py]) - point) @ normal == pytest.approx(0.0, abs=2e-3)
+
+
+def test_two_that_nothing_tells_apart_get_opposite_half_planes():
+    for relative, slip in (((0.0, 0.0), (0.0, 0.0)), ((0.2, 0.0), (0.5, 0.0))):
+        own, other = np.array([0.1, 0.3]), np.array([0.1, 0.3]) - slip
+        here = orca_line(*relative, *own, *other, 0.8, 3.0, 0.4, -1.0)
+        there = orca_line(*np.negative(relative), *other, *own, 0.8, 3.0, 0.4, 1.0)
+        assert np.subtract(here[:2], own) == pytest.approx(np.subtract(other, there[:2]))
+        assert np.subtract(here[:2], own) == pytest.approx([-1.0, 0.0])  # 0.8 / 0.4 / 2
+        assert here[2:] == pytest.approx(np.negative(there[2:]))
+    # Where something does tell them apart, it makes no difference.
+    apart = (0.1, -0.2, 0.3, 0.0, -0.1, 0.2, 0.8, 3.0, 0.4)
+    assert orca_line(*apart, 1.0) == orca_line(*apart, -1.0)
 
 
 def scratch_for(lines):

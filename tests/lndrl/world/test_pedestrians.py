@@ -57,6 +57,24 @@ def test_a_lone_pedestrian_walks_its_waypoints_and_stays(model):
     assert np.hypot(*crowd.velocity[0]) < 0.25
 
 
+@pytest.mark.parametrize("models", [(ORCA, ORCA), (SFM, SFM), (ORCA, SFM), (SFM, ORCA)])
+def test_two_at_one_point_part_in_opposite_directions(models):
+    way = [(1.0, 1.0), (1.0, 4.5)]
+    crowd = crowd_of([way, way], models)
+    crowd.velocity[:2] = 0.0, 0.4
+    advance(crowd, 1)
+    left, right = crowd.velocity[:2].copy()
+    assert left[0] < -0.05 and right[0] > 0.05
+    if models[0] == models[1]:
+        assert left == pytest.approx([-right[0], right[1]], abs=0.05)
+    advance(crowd, 15)
+    assert np.hypot(*(crowd.position[0] - crowd.position[1])) > 0.4
+    again = crowd_of([way, way], models)
+    again.velocity[:2] = 0.0, 0.4
+    advance(again, 16)
+    assert (again.position == crowd.position).all()
+
+
 def test_a_shuttle_turns_around_at_both_ends():
     crowd = crowd_of([[(1.0, 1.0), (2.5, 1.0), (2.5, 2.5)]], [ORCA], shuttle=True)
     visits: list[str] = []

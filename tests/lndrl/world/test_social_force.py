@@ -18,7 +18,10 @@ def slow_social_force(i, position, velocity, silent=-1):
         distance = np.linalg.norm(difference)
         if j == i or distance > CUTOFF:
             continue
-        toward = difference / distance
+        if distance > 0.0:
+            toward = difference / distance
+        else:  # nothing tells them apart but their order
+            toward = np.array([1.0, 0.0]) if i < j else np.array([-1.0, 0.0])
         other = np.zeros(2) if j == silent else velocity[j]
         interaction = LAMBDA * (velocity[i] - other) + toward
         length = np.linalg.norm(interaction)
@@ -54,6 +57,18 @@ def test_social_force_matches_the_slow_twin():
             if i != silent:
                 want = slow_social_force(i, position, velocity, silent)
                 assert got[i] == pytest.approx(want, abs=1e-6)
+
+
+def test_those_at_one_point_match_the_slow_twin_and_part():
+    rng = np.random.default_rng(7)
+    position, velocity = rng.uniform(-1, 1, (6, 2)), rng.normal(0, 0.4, (6, 2))
+    position[3], velocity[3] = position[1], velocity[1]
+    position[5] = position[0]
+    got = forces(position, velocity)
+    for i in range(6):
+        assert got[i] == pytest.approx(slow_social_force(i, position, velocity), abs=1e-6)
+    alone = forces(position[[1, 3]], velocity[[1, 3]])
+    assert alone.tolist() == [[-1.0, 0.0], [1.0, 0.0]]
 
 
 def test_only_those_who_feel_are_pushed_and_everybody_pushes():
