@@ -99,11 +99,27 @@ class RunConfig(Model):
 def load_scenario(name: str, beside: Path | None = None) -> Scenario:
     """Scenario by name (``configs/scenarios/NAME.yaml``) or by path of a YAML file.
 
-    A map that it names is read, so that the scenario is complete. Raises UserError naming the
+    A map that it names is read, so that the scenario is complete. The YAML file of a ROS map is a
+    scenario, too: named like the file, all else as it is by default. Raises UserError naming the
     file and, for an unknown name, the known ones.
     """
     path = find("scenario", name, beside)
-    return _with_map(validate(Scenario, load_yaml(path), str(path)), path)
+    data = load_yaml(path)
+    if "image" in data:
+        data = _scenario_of_map(data, path)
+    return _with_map(validate(Scenario, data, str(path)), path)
+
+
+def _scenario_of_map(data: dict[str, Any], path: Path) -> dict[str, Any]:
+    """A scenario of the ROS map that the file ``path`` describes by ``data``."""
+    both = sorted(set(data) & set(Scenario.model_fields) - {"resolution"})
+    if both:
+        raise UserError(
+            f"{path}: is a map (image) and a scenario ({', '.join(both)}) at once; write the "
+            f"scenario's keys into a file of its own beside it, with kind: map and "
+            f"map: {path.name}"
+        )
+    return {"name": path.stem, "kind": "map", "map": path.name}
 
 
 def _with_map(scenario: Scenario, path: Path) -> Scenario:
@@ -115,7 +131,8 @@ def _with_map(scenario: Scenario, path: Path) -> Scenario:
     try:
         return with_map(scenario, path.parent)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+        named = str(error).startswith(f"{path}:")  # a map that is its own scenario
+        raise UserError(f"{error}" if named else f"{path}: {error}") from None
 
 
 def load_config(named: Path | str, overrides: list[str] | tuple[str, ...] = ()) -> RunConfig:

@@ -5,10 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, parse_config
+from lndrl.config import (
+    REPOSITORY_CONFIGS,
+    RunConfig,
+    load_config,
+    load_scenario,
+    parse_config,
+)
 from lndrl.errors import UserError
 
 SCENARIO = {
@@ -124,6 +132,58 @@ def test_a_scenario_file_lies_beside_the_configuration(tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     path.write_text("scenario: room.yaml\n")
     assert load_config(path).scenario.size == (10.0, 6.0)
+
+
+def write_map(folder: Path, extra: str = "") -> Path:
+    """A hall of 8 x 6 m as ROS has it."""
+    floor = np.full((120, 160), 254, np.uint8)
+    floor[:4] = floor[-4:] = 0
+    floor[:, :4] = floor[:, -4:] = 0
+    Image.fromarray(floor).save(folder / "hall.pgm")
+    path = folder / "hall-1.yaml"
+    path.write_text(
+        "image: hall.pgm\nresolution: 0.05\norigin: [1.0, 2.0, 0.0]\nnegate: 0\n"
+        f"occupied_thresh: 0.65\nfree_thresh: 0.196\n{extra}"
+    )
+    return path
+
+
+def test_the_yaml_file_of_a_map_is_a_scenario(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_map(tmp_path)
+    beside = tmp_path / "scenario.yaml"
+    beside.write_text("name: hall-1\nkind: map\nmap: hall-1.yaml\n")
+    hall = load_scenario(str(path))
+    assert hall == load_scenario(str(beside))
+    assert (hall.name, hall.kind, hall.size) == ("hall-1", "map", (8.0, 6.0))
+    assert hall.cells is not None and hall.cells.origin == (1.0, 2.0)
+    run = tmp_path / "run.yaml"
+    run.write_text("scenario: hall-1.yaml\n")
+    people = "scenario.pedestrians.count=[1, 1]"
+    assert load_config(run).scenario == hall
+    assert load_config(run, [people]).scenario.pedestrians.count == (1, 1)
+    monkeypatch.chdir(tmp_path)
+    assert load_config(REPOSITORY_CONFIGS / "lndrl.yaml", ["scenario=hall-1.yaml"]).scenario == hall
+
+
+def test_maps_that_are_no_scenario_are_refused_with_a_sentence(tmp_path: Path) -> None:
+    path = write_map(tmp_path, "pedestrians: {count: [1, 2]}\nname: hall\n")
+    with pytest.raises(UserError) as caught:
+        load_scenario(str(path))
+    assert str(caught.value) == (
+        f"{path}: is a map (image) and a scenario (name, pedestrians) at once; write the "
+        "scenario's keys into a file of its own beside it, with kind: map and map: hall-1.yaml"
+    )
+    path.write_text("image: hall.pgm\nresolution: 0.05\n")
+    with pytest.raises(UserError) as caught:
+        load_scenario(str(path))
+    said = str(caught.value)
+    assert said.startswith(f"{path}: origin is missing") and said.count(str(path)) <= 3
+    path = write_map(tmp_path)
+    (tmp_path / "hall.pgm").unlink()
+    with pytest.raises(UserError, match=r"hall-1\.yaml: .*hall\.pgm: no such file"):
+        load_scenario(str(path))
 
 
 def test_the_hash_is_of_the_values(config_file: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from lndrl.cli.main import run
+from lndrl.config import REPOSITORY_CONFIGS
 
 NAMES = {"hybrid", "sparse", "corridor", "hall", "irregular", "random", "office"}
 
@@ -77,3 +78,11 @@ def test_a_map_that_is_wrong_is_named(tmp_path, capsys) -> None:
     (tmp_path / "s.yaml").write_text("name: s\nkind: map\nmap: m.yaml\n")
     assert run(["scenarios", str(tmp_path / "s.yaml")]) == 2
     assert "m.yaml: no such file" in capsys.readouterr().err
+
+
+def test_the_file_of_a_map_is_taken_for_a_scenario(capsys) -> None:
+    office = str(REPOSITORY_CONFIGS / "maps" / "office.yaml")
+    assert run(["scenarios", office, "--json"]) == 0
+    of_the_map = json.loads(capsys.readouterr().out)
+    assert run(["scenarios", "office", "--json"]) == 0
+    assert of_the_map["robot"] == json.loads(capsys.readouterr().out)["robot"]
