@@ -105,7 +105,11 @@ def grid_from_scenario(scenario: Scenario) -> OccupancyGrid:
         inside_y = (y > scenario.wall) & (y < height - scenario.wall)
         occupied |= ~(inside_y[:, None] & inside_x[None, :])
     for obstacle in scenario.obstacles:
-        occupied |= _covered(obstacle, x, y, resolution)
+        # Around it only: all cells for each of hundreds of obstacles take most of a minute.
+        low, high = _bounds(obstacle)
+        across = _cells_around(low[0], high[0], columns, resolution)
+        up = _cells_around(low[1], high[1], rows, resolution)
+        occupied[up, across] |= _covered(obstacle, x[across], y[up], resolution)
     return OccupancyGrid(occupied, resolution)
 
 
@@ -119,6 +123,24 @@ def polygon_mask(polygon: list[Point], x: NDArray[np.float64], y: NDArray[np.flo
         crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
         inside ^= spans[:, None] & (x[None, :] < crossing[:, None])
     return inside
+
+
+def _bounds(obstacle: Obstacle) -> tuple[Point, Point]:
+    """Lower left and upper right corner of the box around an obstacle (m)."""
+    if obstacle.box is not None:
+        return obstacle.box[:2], obstacle.box[2:]
+    if obstacle.circle is not None:
+        x, y, radius = obstacle.circle
+        return (x - radius, y - radius), (x + radius, y + radius)
+    corners = np.array(obstacle.polygon)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return (float(low[0]), float(low[1])), (float(high[0]), float(high[1]))
+
+
+def _cells_around(low: float, high: float, count: int, resolution: float) -> slice:
+    """Cells of an axis that [low, high] (m) may cover, two more on either side."""
+    first, last = np.clip([low / resolution - 2.0, high / resolution + 3.0], 0.0, count)
+    return slice(int(first), int(last))
 
 
 def _covered(
@@ -139,10 +161,13 @@ def _covered(
     mask = polygon_mask(polygon, x, y)
     if not mask.any():
         middle_x, middle_y = np.mean(polygon, axis=0)
-        row, column = int(middle_y // resolution), int(middle_x // resolution)
-        if 0 <= row < len(y) and 0 <= column < len(x):
-            mask[row, column] = True
+        mask = _nearest(y, middle_y, resolution)[:, None] & _nearest(x, middle_x, resolution)
     return mask
+
+
+def _nearest(centers: NDArray[np.float64], value: float, resolution: float) -> Mask:
+    """The cell that holds ``value``, if there is one."""
+    return np.floor(centers / resolution) == value // resolution
 
 
 def _span(low: float, high: float, centers: NDArray[np.float64], resolution: float) -> Mask:

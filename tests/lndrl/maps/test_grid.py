@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lndrl.maps import OccupancyGrid, distance_field, grid_from_scenario
+from lndrl.maps import OccupancyGrid, distance_field, grid, grid_from_scenario
 from lndrl.maps.grid import polygon_mask
-from lndrl.scenario import Scenario
+from lndrl.scenario import Obstacle, Scenario
 
 
 def scenario(obstacles, size=(4.0, 3.0), resolution=0.1, wall=0.0):
@@ -110,3 +110,40 @@ def test_grid_is_frozen():
     grid = OccupancyGrid(np.zeros((2, 2), dtype=bool), 0.1)
     with pytest.raises(AttributeError):
         grid.resolution = 0.2  # type: ignore[misc]
+
+
+def drawn_alone(obstacle, step):
+    """The grid with one obstacle, and how many cells were looked at for it."""
+    looked = []
+    draw = grid._covered
+
+    def counting(obstacle, x, y, resolution):
+        looked.append(len(x) * len(y))
+        return draw(obstacle, x, y, resolution)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(grid, "_covered", counting)
+        occupied = grid_from_scenario(scenario([obstacle], (12.0, 10.0), step)).occupied
+    return occupied, looked[0]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_obstacles_are_drawn_around_themselves_only_and_as_on_all_cells(seed):
+    rng = np.random.default_rng(seed)
+    step = float(rng.choice([0.05, 0.1, 0.13]))
+    for _ in range(4):
+        x, y = rng.uniform(-1.0, 13.0, 2)
+        wide, high = rng.uniform(0.001, rng.choice([0.03, 2.0]), 2)
+        corners = rng.uniform((x, y), (x + wide, y + high), (4, 2)).tolist()
+        for shape in (
+            {"box": [x, y, x + wide, y + high]},
+            {"circle": [x, y, wide]},
+            {"polygon": corners},
+        ):
+            occupied, looked = drawn_alone(shape, step)
+            rows, columns = occupied.shape
+            x_all, y_all = ((np.arange(n) + 0.5) * step for n in (columns, rows))
+            whole = grid._covered(Obstacle.model_validate(shape), x_all, y_all, step)
+            assert (occupied == whole).all()
+            assert looked <= (2 * wide / step + 7) * (2 * max(wide, high) / step + 7)

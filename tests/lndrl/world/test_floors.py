@@ -62,7 +62,7 @@ def ends(place: Place) -> np.ndarray:
 
 def indoors(points: np.ndarray) -> np.ndarray:
     low, high = np.array([8.2, 7.2]), np.array([22.0, 17.0])
-    return ((points > low) & (points < high)).all(axis=1)
+    return np.all((points > low) & (points < high), axis=1)
 
 
 def test_a_plan_on_a_white_sheet_is_outdoors_and_says_so(tmp_path) -> None:
