@@ -72,3 +72,12 @@ def test_a_size_that_holds_no_task_is_refused(monkeypatch) -> None:
     tight = scenario().model_copy(update={"start_goal_distance": (27.7, 27.8)})
     with pytest.raises(UserError, match=r"scenario r: none of 2 attempts at layout 0 .* 27\.7 to"):
         generate(tight, 0)
+
+
+def test_large_layouts_have_tasks_at_the_distance_too(monkeypatch) -> None:
+    monkeypatch.setattr(layouts, "_ATTEMPTS", 1)  # that many fail before the floor is searched
+    large = generate(scenario().model_copy(update={"size": (100.0, 100.0), "resolution": 0.25}), 0)
+    assert large.start_goal_distance == (11.0, 13.0) and len(large.robot) >= 6
+    for task in large.robot:
+        middles = [np.add(box[:2], box[2:]) / 2 for box in (task.start, task.goal)]
+        assert 10.0 <= np.hypot(*(middles[1] - middles[0])) <= 14.0
