@@ -13,6 +13,7 @@ from lndrl.config import TaskConfig, WorldConfig
 from lndrl.errors import UserError
 from lndrl.maps.edges import RayMap, ray_map
 from lndrl.maps.embedded import unpack, with_map
+from lndrl.maps.floors import edge_note, floor_around
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
 from lndrl.maps.outlines import Outline, geometry_outlines, grid_outlines, segments
 from lndrl.maps.paths import Roadmap
@@ -20,7 +21,6 @@ from lndrl.maps.raycast import clearance, sample_field
 from lndrl.maps.regions import centre
 from lndrl.randomness import State, stream_state, uniform
 from lndrl.scenario import Box, Point, RobotTask, Route, Scenario
-from lndrl.world.floors import edge_note, floor_around
 from lndrl.world.furnish import (
     COMFORT,
     PEDESTRIAN_ROOM,

@@ -19,7 +19,7 @@ def floor_around(
 ) -> int:
     """The number in ``regions`` (h, w) of the floor that holds the point ``scenario.inside``.
 
-    The point lies in the place's frame; ``origin`` is that frame's in the map's, for sentences.
+    The point lies in the frame of ``grid``; ``origin`` is that frame's in the map's, for sentences.
     Raises UserError when the point is off the map, in a wall, or so near to one that a robot of
     ``radius`` m does not fit.
     """
