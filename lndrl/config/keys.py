@@ -120,7 +120,8 @@ def _words(annotation: Any, metadata: list[Any]) -> str:
     elif origin is list:
         words = "list of entries" if list(_models(inner[0])) else f"list of {_words(inner[0], [])}"
     else:
-        words = _NAMES.get(annotation, "keys")
+        holds = origin is dict or any(_models(annotation))
+        words = _NAMES.get(annotation, "keys" if holds else "any value")
     return words + "".join(f", {limit}" for limit in _limits(metadata))
 
 
