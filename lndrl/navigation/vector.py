@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,8 @@ class VectorNavigation:
     happens in one world never depends on the others. ``observation`` (B,) is rewritten in place
     by ``step``: copy what must outlive it. ``on_end``, when set, is called with a world that has
     just ended and its record, before that world starts its next episode.
+
+    A copy (``copy.deepcopy``, ``pickle``) has memory of its own and goes on bit for bit the same.
     """
 
     def __init__(
@@ -76,6 +79,13 @@ class VectorNavigation:
         ]
         self.reset_all()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if self._batch is None:
+            # Each world's own batch shows itself in a row of ours, which it has been parted from.
+            for i, world in enumerate(self.worlds):
+                world.show_in(self.observation.take(slice(i, i + 1)))
+
     def __len__(self) -> int:
         return len(self.worlds)
 
@@ -108,6 +118,10 @@ class VectorNavigation:
         for i in np.flatnonzero(outcome).tolist():
             self._end(i, result)
         return result
+
+    def reward_parts(self) -> NDArray[np.float64]:
+        """The summands (B, 6) of the last step's rewards, in the order of ``REWARD_PARTS``."""
+        return np.stack([world.track.parts for world in self.worlds])
 
     def _run(self, commands: NDArray[np.float64]) -> None:
         """One control step of all worlds, in one go where they share a place."""
