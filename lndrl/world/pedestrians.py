@@ -359,7 +359,7 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
     feels, aim, force = scratch.feels, scratch.aim, scratch.force
     distance, inverse_resolution = surroundings.distance, surroundings.inverse_resolution
     # What there is room for, whatever the state says.
-    count = min(people.count[0], len(people.heading), len(feels) - 1)
+    count = max(0, min(people.count[0], len(people.heading), len(feels) - 1))
     agents = count
     silent = -1
     if p.see_robot:
