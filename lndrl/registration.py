@@ -36,7 +36,7 @@ def register_with_gymnasium() -> None:
 class _Wait:
     """Finds nothing itself; has the environment registered when Gymnasium's registry is loaded."""
 
-    def find_spec(self, name, path=None, target=None):  # type: ignore[no-untyped-def]
+    def find_spec(self, name, path=None, target=None):
         """See ``importlib.abc.MetaPathFinder``."""
         if name != _REGISTRY:
             return None
@@ -47,7 +47,7 @@ class _Wait:
         if spec is not None and spec.loader is not None:
             load = spec.loader.exec_module
 
-            def load_and_register(module):  # type: ignore[no-untyped-def]
+            def load_and_register(module):
                 load(module)
                 register_environment()
 

@@ -130,7 +130,7 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
             step_info(transition.parts, self.reward_scale, transition.record),
         )
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The picture of the world (height, width, 3), or None without a render mode."""
         self._refuse_if_closed()
         if self.render_mode is None:

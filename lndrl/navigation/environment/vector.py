@@ -88,7 +88,7 @@ class NavigationVectorEnv(
         self._stream_from: np.random.Generator | None = None
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+    def spec(self) -> EnvSpec | None:
         """How the environment was made; a configuration in it is plain data."""
         return self._spec
 
