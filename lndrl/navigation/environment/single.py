@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from weakref import WeakValueDictionary
 
 import gymnasium
 import numpy as np
@@ -11,6 +12,8 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from numpy.typing import NDArray
 
+from lndrl.config import RunConfig
+from lndrl.localization import LikelihoodMap
 from lndrl.navigation.actions import action_table
 from lndrl.navigation.environment.arguments import (
     Configuration,
@@ -28,6 +31,24 @@ from lndrl.navigation.environment.spaces import (
 )
 from lndrl.navigation.navigation import Navigation, build_surroundings
 from lndrl.navigation.render import render_snapshot
+from lndrl.world import Place
+
+_PLACES: WeakValueDictionary[str, Place] = WeakValueDictionary()
+_FIELDS: WeakValueDictionary[str, LikelihoodMap] = WeakValueDictionary()
+"""What environments that are alive were built in, by what they depend on."""
+
+
+def shared_surroundings(config: RunConfig) -> tuple[Place, LikelihoodMap]:
+    """``build_surroundings`` once for all environments of a process that are alive.
+
+    Nothing writes there, and thirty-two maps in the caches of a core would be slower than one.
+    """
+    key = config.model_dump_json(include={"scenario", "world", "localization"})
+    place, field = _PLACES.get(key), _FIELDS.get(key)
+    if place is None or field is None:
+        place, field = build_surroundings(config)
+        _PLACES[key], _FIELDS[key] = place, field
+    return place, field
 
 
 class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
@@ -65,7 +86,7 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
         self.reward_scale = scale_factor(reward_scale)
         self.render_mode = render_mode
         self.navigation = Navigation(
-            *build_surroundings(self.config), self.config, whole_number("world_id", world_id)
+            *shared_surroundings(self.config), self.config, whole_number("world_id", world_id)
         )
         self._actions = action_table(self.config.task)
         self.action_space = spaces.Discrete(len(self._actions))
@@ -76,7 +97,7 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
         self._closed = False
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+    def spec(self) -> EnvSpec | None:
         """How the environment was made; a configuration in it is plain data."""
         return self._spec
 

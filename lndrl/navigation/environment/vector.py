@@ -22,7 +22,7 @@ from lndrl.navigation.environment.arguments import (
     scale_factor,
     whole_number,
 )
-from lndrl.navigation.environment.single import NavigationEnv
+from lndrl.navigation.environment.single import NavigationEnv, shared_surroundings
 from lndrl.navigation.environment.spaces import (
     ObservationDict,
     observation_dict,
@@ -75,7 +75,9 @@ class NavigationVectorEnv(
         self.reward_scale = scale_factor(reward_scale)
         self.render_mode = render_mode
         self.num_envs = num_envs
-        self.navigation = VectorNavigation(self.config, worlds=num_envs)
+        self.navigation = VectorNavigation(
+            self.config, worlds=num_envs, surroundings=shared_surroundings(self.config)
+        )
         for world in self.navigation.worlds:
             world.world_id = whole_number("world_id", world_id)
         size = self.navigation.worlds[0].place.grid.size

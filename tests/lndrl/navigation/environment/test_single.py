@@ -246,3 +246,11 @@ def test_a_spec_with_a_configuration_goes_through_json(tmp_path: Path) -> None:
         again = gymnasium.make(EnvSpec.from_json(text)).unwrapped
         assert isinstance(again, NavigationEnv)
         assert again.config == CONFIG and again.reward_scale == 0.5
+
+
+def test_environments_share_what_is_never_written() -> None:
+    first, second = NavigationEnv(CONFIG), NavigationEnv(CONFIG.model_copy(update={"seed": 9}))
+    assert first.navigation.place is second.navigation.place
+    assert first.navigation.batch.field is second.navigation.batch.field
+    other = NavigationEnv(CONFIG, scenario="corridor")
+    assert other.navigation.place is not first.navigation.place
