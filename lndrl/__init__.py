@@ -15,7 +15,7 @@ TYPE_CHECKING = False  # true for type checkers; importing typing would cost mor
 if TYPE_CHECKING:
     from lndrl.config import RunConfig, load_config, load_scenario
     from lndrl.navigation.environment import NavigationEnv, NavigationVectorEnv
-    from lndrl.policy.trained import TrainedPolicy, load_policy
+    from lndrl.planners.trained import TrainedPolicy, load_policy
 
 _OFFERED = {
     "NavigationEnv": "lndrl.navigation.environment",
@@ -23,8 +23,8 @@ _OFFERED = {
     "RunConfig": "lndrl.config",
     "load_config": "lndrl.config",
     "load_scenario": "lndrl.config",
-    "TrainedPolicy": "lndrl.policy.trained",
-    "load_policy": "lndrl.policy.trained",
+    "TrainedPolicy": "lndrl.planners.trained",
+    "load_policy": "lndrl.planners.trained",
 }
 """Where the names are that come late."""
 

@@ -188,7 +188,7 @@ class Navigation:
         timeout = outcome == "timeout"
         return Transition(
             reward=float(self.track.reward[0]),
-            parts=self._parts(),
+            parts=self.parts(),
             terminated=bool(outcome) and not timeout,
             truncated=timeout,
             record=self.record() if outcome else None,
@@ -199,7 +199,8 @@ class Navigation:
         """Names of the reward's summands: the compiled ones, then terms of the user's own."""
         return (*REWARD_PARTS, *(self.batch.terms.names if self.batch.terms else ()))
 
-    def _parts(self) -> NDArray[np.float64]:
+    def parts(self) -> NDArray[np.float64]:
+        """The reward's summands in the last step, see ``part_names``."""
         terms = self.batch.terms
         if terms is None:
             return self.track.parts.copy()

@@ -33,6 +33,7 @@ class StepResult:
     truncated: NDArray[np.bool_]  # (B,)
     final_observation: Observation
     episodes: list[EpisodeRecord]
+    parts: NDArray[np.float64]  # (B, parts) the reward's summands, see ``Navigation.part_names``
 
 
 class VectorNavigation:
@@ -114,14 +115,11 @@ class VectorNavigation:
             truncated=outcome == TIMEOUT,
             final_observation=self._final,
             episodes=[],
+            parts=self._parts(),
         )
         for i in np.flatnonzero(outcome).tolist():
             self._end(i, result)
         return result
-
-    def reward_parts(self) -> NDArray[np.float64]:
-        """The summands (B, 6) of the last step's rewards, in the order of ``REWARD_PARTS``."""
-        return np.stack([world.track.parts for world in self.worlds])
 
     def _run(self, commands: NDArray[np.float64]) -> None:
         """One control step of all worlds, in one go where they share a place."""
@@ -142,6 +140,11 @@ class VectorNavigation:
             np.array([world.track.reward[0] for world in self.worlds]),
             np.array([world.track.outcome[0] for world in self.worlds]),
         )
+
+    def _parts(self) -> NDArray[np.float64]:
+        if self._batch is not None and self._batch.terms is None:
+            return self._batch.tracks.parts.copy()
+        return np.stack([world.parts() for world in self.worlds])
 
     def _end(self, i: int, result: StepResult) -> None:
         """Write down world ``i``'s episode, which has ended, and start its next one."""

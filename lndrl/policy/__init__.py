@@ -8,7 +8,6 @@ from lndrl.policy.inference import PolicyRunner
 from lndrl.policy.inputs import Inputs, prepare, supports_sparse
 from lndrl.policy.layout import check_layout
 from lndrl.policy.networks import NavigationNetwork, Network, build_policy, build_value
-from lndrl.policy.trained import TrainedPolicy
 from lndrl.policy.weights import (
     POLICY_FILE,
     initial_weights,
@@ -28,7 +27,6 @@ __all__ = [
     "Network",
     "PolicyRunner",
     "Record",
-    "TrainedPolicy",
     "build_policy",
     "build_value",
     "first_layer",

@@ -148,7 +148,9 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
             self.reward_scale * transition.reward,
             transition.terminated,
             transition.truncated,
-            step_info(transition.parts, self.reward_scale, transition.record),
+            step_info(
+                self.navigation.part_names, transition.parts, self.reward_scale, transition.record
+            ),
         )
 
     def render(self) -> NDArray[np.uint8] | None:

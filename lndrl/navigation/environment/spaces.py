@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from lndrl.config import RunConfig, TaskConfig
 from lndrl.navigation.episode import EpisodeRecord
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
-from lndrl.navigation.reward import REWARD_PARTS
 
 ObservationDict = dict[str, NDArray[np.float32]]
 
@@ -53,12 +53,12 @@ def observation_dict(rows: Observation, task: TaskConfig) -> ObservationDict:
 
 
 def step_info(
-    parts: NDArray[np.float64], scale: float, record: EpisodeRecord | None
+    names: Sequence[str], parts: NDArray[np.float64], scale: float, record: EpisodeRecord | None
 ) -> dict[str, Any]:
-    """``info`` of a step that earned ``parts`` (6,), and ended an episode where it has a record."""
-    info: dict[str, Any] = {
-        "reward_parts": dict(zip(REWARD_PARTS, (scale * parts).tolist(), strict=True))
-    }
+    """``info`` of a step that earned ``parts`` with these ``names``, times ``scale``, and ended an
+    episode where it has a ``record``.
+    """
+    info: dict[str, Any] = {"reward_parts": dict(zip(names, (scale * parts).tolist(), strict=True))}
     if record is not None:
         info["outcome"] = record.outcome
         info["is_success"] = record.outcome == "arrived"

@@ -142,14 +142,17 @@ class NavigationVectorEnv(
         if not self._begun.all():
             raise ResetNeeded("no episode runs; call reset() first")
         result = self.navigation.step(actions)
-        parts = self.navigation.reward_parts()
+        parts = result.parts
         ended = result.terminated | result.truncated
         infos: dict[str, Any] = {}
         if not ended.all():
             infos = {"reward_parts": self._parts_info(parts, ~ended), "_reward_parts": ~ended}
         if ended.any():
-            self._tell_ends(result, parts, np.flatnonzero(ended).tolist(), infos)
-        rewards = self.reward_scale * parts.sum(axis=1)
+            self._tell_ends(result, np.flatnonzero(ended).tolist(), infos)
+        # In the order in which kernel and own terms are added up: the same bits.
+        built_in = len(REWARD_PARTS)
+        rewards = parts[:, :built_in].sum(axis=1) + parts[:, built_in:].sum(axis=1)
+        rewards *= self.reward_scale
         return self._observations(), rewards, result.terminated, result.truncated, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -167,9 +170,9 @@ class NavigationVectorEnv(
     def _parts_info(
         self, parts: NDArray[np.float64], going: NDArray[np.bool_]
     ) -> dict[str, NDArray[Any]]:
-        """``parts`` (num_envs, 6) by name, 0 and masked where a world is not ``going`` on."""
+        """``parts`` (num_envs, parts) by name, 0 and masked where a world is not ``going`` on."""
         info: dict[str, NDArray[Any]] = {}
-        for k, name in enumerate(REWARD_PARTS):
+        for k, name in enumerate(self.navigation.worlds[0].part_names):
             info[name] = np.where(going, self.reward_scale * parts[:, k], 0.0)
             info[f"_{name}"] = going.copy()
         return info
@@ -177,13 +180,13 @@ class NavigationVectorEnv(
     def _tell_ends(
         self,
         result: StepResult,
-        parts: NDArray[np.float64],
         ended: list[int],
         infos: dict[str, Any],
     ) -> None:
         for i, record in zip(ended, result.episodes, strict=True):
             last = observation_dict(result.final_observation.take((i, Ellipsis)), self.config.task)
-            info = step_info(parts[i], self.reward_scale, record)
+            names = self.navigation.worlds[i].part_names
+            info = step_info(names, result.parts[i], self.reward_scale, record)
             self._add_info(infos, {"final_obs": last, "final_info": info}, i)
             self._add_info(infos, {"episode_number": self.navigation.worlds[i].episode}, i)
 

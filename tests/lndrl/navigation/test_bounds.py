@@ -123,7 +123,7 @@ def test_driving_on_after_the_end(fenced: Fenced) -> None:
 )
 def test_numbers_of_the_state_that_say_nonsense(fenced: Fenced, name: str, number: int) -> None:
     batch = fenced.batch
-    spoilt = {
+    spoilt: dict[str, np.ndarray] = {
         "steps": batch.tracks.steps,
         "people": batch.world.people.count,
         "target": batch.world.people.target,
@@ -132,8 +132,8 @@ def test_numbers_of_the_state_that_say_nonsense(fenced: Fenced, name: str, numbe
         "count": batch.beliefs.numbers[:, 0],
         "current": batch.beliefs.numbers[:, 1],
         "used": batch.shared.bins.used,
-    }[name]
-    spoilt[...] = number
+    }
+    spoilt[name][...] = number
     go_on(fenced)
 
 

@@ -48,9 +48,9 @@ COPIES: dict[str, Callable[[Any], Any]] = {
 copies = pytest.mark.parametrize("copied", COPIES.values(), ids=list(COPIES))
 
 
-def play(env: NavigationEnv, actions: np.ndarray) -> tuple[Any, ...]:
+def play(env: NavigationEnv, action: int) -> tuple[Any, ...]:
     """One step with what follows an end, as bytes and plain values that can be compared."""
-    observation, reward, terminated, truncated, info = env.step(actions)
+    observation, reward, terminated, truncated, info = env.step(action)
     if terminated or truncated:
         observation, began = env.reset()
         info = {**info, **began}
@@ -59,7 +59,7 @@ def play(env: NavigationEnv, actions: np.ndarray) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize("kind", ["small", "perfect", "random"])
 def test_copies_of_an_environment_go_on_as_it_does(kind: str) -> None:
-    actions = np.random.default_rng(0).integers(0, 28, STEPS + 7)
+    actions = np.random.default_rng(0).integers(0, 28, STEPS + 7).tolist()
     env, alone = NavigationEnv(CONFIGS[kind]), NavigationEnv(CONFIGS[kind])
     env.reset(seed=5)
     alone.reset(seed=5)

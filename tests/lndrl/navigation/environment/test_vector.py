@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -34,9 +35,8 @@ NUMBER = 4
 def made(mode: str = "vector_entry_point", **arguments: Any) -> gymnasium.vector.VectorEnv:
     if mode == "sync":
         arguments["vector_kwargs"] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    return gymnasium.make_vec(
-        "lndrl/Navigation-v0", NUMBER, vectorization_mode=mode, config=CONFIG, **arguments
-    )
+    arguments.setdefault("config", CONFIG)
+    return gymnasium.make_vec("lndrl/Navigation-v0", NUMBER, vectorization_mode=mode, **arguments)
 
 
 def assert_same(a: Any, b: Any, where: str = "") -> None:
@@ -74,8 +74,31 @@ def test_equals_gymnasiums_own_vectorisation() -> None:
     mask = np.array([True, False, True, False])
     again = ours.reset(seed=3, options={"reset_mask": mask, "episode": 2})
     assert_same(again, theirs.reset(seed=3, options={"reset_mask": mask, "episode": 2}))
-    seeds = [1, None, 5, 6]
+    seeds: Any = [1, None, 5, 6]
     assert_same(ours.reset(seed=seeds), theirs.reset(seed=seeds))
+
+
+def test_reward_terms_of_ones_own_are_parts_in_both(own_module: Callable[[str], str]) -> None:
+    name = own_module("""
+        class Turns:
+            def __init__(self, config):
+                pass
+
+            def __call__(self, steps):
+                return abs(steps.command[:, 1]) / 3.0
+    """)
+    keys = CONFIG.model_dump(mode="json")
+    keys["task"]["reward"]["terms"] = {"turning": {"use": f"{name}:Turns", "weight": -2.0}}
+    ours, theirs = made(config=keys), made("sync", config=keys)
+    ours.reset(seed=2)
+    theirs.reset(seed=2)
+    told = 0
+    for k in range(8):
+        mine, other = ours.step(np.full(NUMBER, k)), theirs.step(np.full(NUMBER, k))
+        assert_same(mine, other)
+        last = mine[4].get("final_info", {}).get("reward_parts", {})
+        told += int(np.count_nonzero(last.get("turning", 0.0)))
+    assert told > 0
 
 
 def test_final_observations_and_infos_are_where_gymnasium_wants_them() -> None:
@@ -123,8 +146,8 @@ def test_pictures() -> None:
     with pytest.raises(ResetNeeded):
         ours.render()
     ours.reset(seed=1)
-    pictures = ours.render()
-    assert pictures is not None and len(pictures) == NUMBER
+    pictures: Any = ours.render()
+    assert len(pictures) == NUMBER
     assert pictures[0].shape == (160, 240, 3)
     silent = made()
     silent.reset()
@@ -136,19 +159,22 @@ def test_wrong_use_is_refused() -> None:
     with pytest.raises(ResetNeeded, match="reset"):
         ours.step(np.zeros(NUMBER, np.int64))
     ours.reset(seed=1)
-    for actions in (
+    wrong_actions: list[Any] = [
         np.zeros(3, np.int64),
         np.zeros(NUMBER),
         np.zeros(NUMBER, np.bool_),
         28,
         [28] * 4,
-    ):
+    ]
+    wrong_seeds: list[Any] = [1.5, True, [1, 2], [1, 2, 3, True]]
+    wrong_options: list[Any] = [{"mask": 1}, {"episode": 1.5}, {"reset_mask": [True] * 4}, 3]
+    for actions in wrong_actions:
         with pytest.raises(ValueError, match="actions must be"):
             ours.step(actions)
-    for seed in (1.5, True, [1, 2], [1, 2, 3, True]):
+    for seed in wrong_seeds:
         with pytest.raises(ValueError, match="seed"):
             ours.reset(seed=seed)
-    for options in ({"mask": 1}, {"episode": 1.5}, {"reset_mask": [True] * 4}, 3):
+    for options in wrong_options:
         with pytest.raises(ValueError, match="option"):
             ours.reset(options=options)
     with pytest.raises(ValueError, match="num_envs"):

@@ -8,13 +8,20 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from test_networks import make_config, random_observation
 
 import lndrl
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.navigation.environment.spaces import observation_dict
-from lndrl.policy import POLICY_FILE, PolicyRunner, build_policy, policy_metadata, to_bytes
+from lndrl.policy import (
+    POLICY_FILE,
+    NavigationNetwork,
+    PolicyRunner,
+    build_policy,
+    policy_metadata,
+    to_bytes,
+)
+from tests.lndrl.policy.test_networks import make_config, random_observation
 
 SMALL = {"map_channels": (4, 4, 4), "features": 16, "goal_features": 4}
 CONFIGS = {
@@ -28,6 +35,7 @@ CONFIGS = {
 def written(config: RunConfig, folder: Path) -> tuple[Path, bytes]:
     """A policy file, whose head is far from uniform, and the weights in it."""
     network = build_policy(config)
+    assert isinstance(network, NavigationNetwork)
     network.head.weight.data.mul_(100.0)
     blob = to_bytes(network, policy_metadata(config, 1, 2))
     file = folder / POLICY_FILE

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation.observation import SCAN_COUNTS
+from lndrl.navigation.terms import without_terms
 from lndrl.policy.inputs import Inputs, pooling_factor, supports_sparse
 from lndrl.policy.networks import build_policy
 from lndrl.policy.structure import MapStructure, drawn_structure
@@ -24,13 +25,14 @@ class TrainedPolicy:
     """Acts on observations of ``lndrl/Navigation-v0``, one or a batch of them, on the CPU.
 
     Computes what ``PolicyRunner`` computes for the same moment, from the drawn pedestrian map
-    where that one has the people. ``config`` is what the policy was trained under: what an
-    environment must have for its observations to mean the same. ``seed`` starts the draws.
+    where that one has the people. ``config`` is what the policy was trained under, without reward
+    terms of one's own: what an environment must have for its observations to mean the same.
+    ``seed`` starts the draws.
     """
 
     def __init__(self, config: RunConfig, weights: bytes, seed: int | None = None) -> None:
         """Raises UserError when ``weights`` do not fit the network of ``config``."""
-        self.config = config
+        self.config = without_terms(config)
         self._network = build_policy(config).requires_grad_(False).eval()
         load_into(self._network, weights, config=config)
         self._sparse = supports_sparse(config)
