@@ -27,6 +27,7 @@ BENCHMARKS = {
     "amcl": "AMCL updates with fixed particle counts, one core",
     "world": "control steps of a scenario on one core, AMCL included, no policy",
     "reward": "control steps with a reward term in Python beside those without, one core",
+    "gym": "control steps of 32 worlds as Gymnasium's users take them, one core, no policy",
     "policy": "policy inference on real observations, one core",
     "learner": "forward and backward of both nets",
     "transport": "acknowledged uploads over zenoh, actor in another process",

@@ -13,7 +13,8 @@ def bench(
     name: Annotated[
         str,
         typer.Argument(
-            help="laser, crowd, amcl, world, reward, policy, learner, transport, train, tls, or all"
+            help="laser, crowd, amcl, world, reward, gym, policy, learner, transport, train, "
+            "tls, or all"
         ),
     ],
     peers: Annotated[

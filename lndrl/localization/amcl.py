@@ -6,6 +6,8 @@ The loop is ROS AMCL's: odometry gate, motion, sensor, KLD resampling with recov
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -47,7 +49,8 @@ class AMCL:
 
     ``belief`` is this filter's row of ``make_beliefs``; ``scratch`` and ``bins`` may be shared by
     all filters of a thread. What is not given is allocated. ``field`` must have been built for the
-    same configuration. Raises ValueError for a field or a belief of another one.
+    same configuration. Raises ValueError for a field, a belief or working memory of another one.
+    A copy has memory of its own.
 
     Attributes (updated in place; copy what you keep):
       ``pose_estimated`` (3,): mean x, y (m), yaw (rad) of the heaviest cluster, map frame;
@@ -66,10 +69,18 @@ class AMCL:
         self._belief = belief_of(make_beliefs(1, config), 0) if belief is None else belief
         self._scratch = make_scratch(config, laser) if scratch is None else scratch
         self._bins = make_bins(config) if bins is None else bins
+        self._made_of = (field, config, laser)
         if field.model != config.laser_model_type:
             raise ValueError(f"the map was built for {field.model}, not {config.laser_model_type}")
         if self._belief.weights.shape != (config.max_particles,):
             raise ValueError(f"the belief has no room for exactly {config.max_particles} particles")
+        if (
+            self._scratch.keys.size < config.max_particles
+            or len(self._scratch.beams[0]) < laser.beams
+        ):
+            raise ValueError("the working memory is for fewer particles or beams")
+        if self._bins.key.size < config.max_particles:
+            raise ValueError(f"the bins have no room for {config.max_particles} particles")
         self.pose_estimated: Vector = self._belief.pose
         self.covariance: Vector = self._belief.covariance
         self.variance: Vector = np.diagonal(self.covariance)
@@ -84,6 +95,10 @@ class AMCL:
             make_settings(config, laser),
         )
         self._most_beams = laser.beams
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Built again around the copied memory: variance is a view of the covariance.
+        return type(self), (*self._made_of, self._belief, self._scratch, self._bins)
 
     @property
     def count(self) -> int:
@@ -214,8 +229,10 @@ class AMCL:
         the last update (per axis, as ROS); closed, nothing changes. Non-finite odometry is ignored
         and counted, non-finite readings are skipped and counted, readings at or beyond
         ``laser_max_range`` skipped (the beam model takes them as missed echoes). Raises ValueError
-        for shapes that do not fit.
+        for shapes that do not fit, and for a filter that was never reset.
         """
+        if self.count == 0:
+            raise ValueError("a filter that was never reset has no pose; call reset first")
         odometry = np.ascontiguousarray(pose_odometry, dtype=np.float64)
         ranges = np.ascontiguousarray(ranges, dtype=np.float32)
         bearings = np.ascontiguousarray(bearings, dtype=np.float32)

@@ -26,7 +26,7 @@ def prepare_readings(ranges, bearings, range_max, beam_numbers, readings):
     """
     _, z_short, z_max, z_rand, _, decay = beam_numbers
     kept = 0
-    for i in range(ranges.size):
+    for i in range(min(ranges.size, bearings.size, readings.shape[1])):
         reading = np.float64(ranges[i])
         bearing = np.float64(bearings[i])
         if not (np.isfinite(reading) and np.isfinite(bearing)) or reading < 0.0:

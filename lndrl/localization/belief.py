@@ -6,7 +6,7 @@ with a leading world dimension, a copy is a snapshot, and kernels of other rooms
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -74,6 +74,9 @@ class Field(NamedTuple):
     clearance: NDArray[np.uint8]  # (height, width) of the grid, for the beam model
     skip_level: float  # table value at beam_skip_distance: larger is nearer
     agreement_level: float  # table value at agreement_distance
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Field:
+        return self  # never written, and megabytes
 
 
 class Settings(NamedTuple):

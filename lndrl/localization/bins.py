@@ -76,7 +76,7 @@ def bin_keys(particles, count, bins, keys):
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def empty(bins):
     """Forget all bins; costs what they are, not what the table could hold."""
-    for b in range(bins.used[0]):
+    for b in range(min(bins.used[0], bins.slot.size)):
         bins.slots[bins.slot[b]] = -1
     bins.used[0] = 0
 
@@ -97,13 +97,15 @@ def find(key, bins):
 def insert(key, bins, k):
     """Number of the bin with ``key``, made if there is none; and the number of bins, ``k`` or more.
 
-    A new bin starts with empty sums.
+    A new bin starts with empty sums. Where there is no room for one, the last takes its place.
     """
     mask = bins.slots.size - 1
     slot = np.int64((np.uint64(key) * _HASH) >> np.uint64(bins.shift))
     while True:
         b = bins.slots[slot]
         if b < 0:
+            if k >= bins.key.size:
+                return np.int32(k - 1), k
             bins.slots[slot] = k
             bins.slot[k] = slot
             bins.used[0] = k + 1

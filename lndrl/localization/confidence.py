@@ -15,8 +15,10 @@ def beam_agreement(beams, kept, pose, field):
     """Share of the ``kept`` beams that end near an obstacle when cast from ``pose`` [x, y, yaw].
 
     ``beams`` are the end points of ``beam_ends``; near is where the table exceeds
-    ``field.agreement_level``. 0 when no beam is usable.
+    ``field.agreement_level``. 0 when no beam is usable, or the pose is not finite.
     """
+    if not (np.isfinite(pose[0]) and np.isfinite(pose[1]) and np.isfinite(pose[2])):
+        return 0.0
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     x0 = (pose[0] - field.origin_x) / field.resolution + 1.0
     y0 = (pose[1] - field.origin_y) / field.resolution + 1.0

@@ -10,6 +10,7 @@ the cell, so it is stored per cell and a beam costs one load and one addition.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -25,6 +26,7 @@ from lndrl.maps.raycast import clearance
 Cells = NDArray[np.float32]
 
 BEAMS_PER_PASS = 4  # beams summed in registers before the particle's sum is touched
+_ANYWHERE = np.float32(1e7)  # cells, farther than any map
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,9 @@ class LikelihoodMap:
             config.laser_model_type,
         )
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> LikelihoodMap:
+        return self  # never written, and megabytes
+
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def beam_ends(ranges, bearings, range_max, resolution, beams):
@@ -91,7 +96,7 @@ def beam_ends(ranges, bearings, range_max, resolution, beams):
     """
     kept = 0
     broken = 0
-    for i in range(ranges.size):
+    for i in range(min(ranges.size, bearings.size, beams.shape[1])):
         reading = np.float64(ranges[i])
         bearing = np.float64(bearings[i])
         if not (np.isfinite(reading) and np.isfinite(bearing)):
@@ -113,6 +118,17 @@ def to_cells(particles, count, resolution, origin_x, origin_y, cells):
         cells[1, i] = np.float32((particles[1, i] - origin_y) * scale + 1.0)
         cells[2, i] = np.float32(particles[3, i])
         cells[3, i] = np.float32(particles[4, i])
+    _keep_finite(cells, count)
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def _keep_finite(cells, count):
+    """Leave nothing in ``cells`` that is not finite: it would become an index of anywhere."""
+    for row in range(4):
+        for i in range(count):
+            value = cells[row, i]
+            value = value if value > -_ANYWHERE else -_ANYWHERE  # NaN as well
+            cells[row, i] = value if value < _ANYWHERE else _ANYWHERE
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)

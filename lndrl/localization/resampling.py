@@ -113,6 +113,12 @@ def inject(target, n, field, state):
     set_heading(target, n, yaw)
 
 
+@njit(inline="always")
+def most_particles(target, scratch, limits):
+    """The most particles that a new set may have: as ``limits`` say, where there is the room."""
+    return min(limits.size - 1, target.shape[1], scratch.bin_of.size)
+
+
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def resample(source, weights, count, target, scratch, bins, limits, chance, field, state):
     """Draw a new set into ``target`` (rows x, y, yaw, cos, sin) until the KLD bound is passed.
@@ -124,7 +130,7 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
     total = accumulate(weights, count, scratch.cumulative, scratch.guide)
     if chance <= 0.0:
         return _draw_set(source, count, total, target, scratch, bins, limits, state)
-    most = limits.size - 1
+    most = most_particles(target, scratch, limits)
     n = 0
     k = 0
     while n < most:
@@ -146,7 +152,7 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _draw_set(source, count, total, target, scratch, bins, limits, state):
     """``resample`` without injection, in blocks: each pass over one does one simple thing."""
-    most = limits.size - 1
+    most = most_particles(target, scratch, limits)
     chosen = scratch.indices[0]  # of the sensor model, which is done
     uniforms = scratch.noise[0]
     n = 0

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from lndrl.localization.bins import bin_key, insert
-from lndrl.localization.resampling import accumulate, inject, locate
+from lndrl.localization.resampling import accumulate, inject, locate, most_particles
 from lndrl.randomness import uniform
 
 GOLDEN = 0.6180339887498949
@@ -26,7 +26,7 @@ def resample_systematic(
 ):
     """As ``resampling.resample``, arguments and result, with evenly spread draws."""
     total = accumulate(weights, count, scratch.cumulative, scratch.guide)
-    most = limits.size - 1
+    most = most_particles(target, scratch, limits)
     u = uniform(state)
     n = 0
     k = 0

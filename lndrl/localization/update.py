@@ -48,7 +48,7 @@ _FARTHEST_JUMP = 1000.0
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _begin(belief):
     """A full set of equal weights, nothing remembered; returns its size."""
-    count = belief.weights.size
+    count = min(belief.weights.size, belief.particles.shape[2])
     belief.numbers[:] = 0
     belief.numbers[COUNT] = count
     belief.averages[:] = 0.0
@@ -79,10 +79,20 @@ def spread_belief(belief, scratch, bins, field):
     summarise(belief, scratch, bins)
 
 
+@njit(inline="always")
+def _fits(belief, scratch, bins):
+    """Whether there is a set, and room to work on it: not before the first reset."""
+    numbers = belief.numbers
+    room = min(belief.weights.size, scratch.keys.size, bins.key.size)
+    return 0 < numbers[COUNT] <= room and 0 <= numbers[CURRENT] <= 1
+
+
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def summarise(belief, scratch, bins):
     """Estimate and covariance of the current set as it is."""
     count = belief.numbers[COUNT]
+    if not _fits(belief, scratch, bins):
+        return
     particles = belief.particles[belief.numbers[CURRENT]]
     k = fill_bins(particles, count, scratch, bins)
     estimate(
@@ -211,12 +221,16 @@ def _resample(particles, count, belief, scratch, bins, limits, field, settings):
 def update_belief(
     odometry, ranges, bearings, belief, scratch, bins, limits, field, settings, publish
 ):
-    """Take in an odometry pose (3,) and a scan (float32, (n,) each); False at a closed gate.
+    """Take in an odometry pose (3,) and a scan (float32, (n,) each).
+
+    False at a closed gate, and for a belief that was never reset.
 
     Where ``publish`` is false pose, covariance and beam agreement stay as they are until a call
     where it is true: who takes four updates and looks once need not pay for four estimates.
     """
     numbers = belief.numbers
+    if not _fits(belief, scratch, bins):
+        return False
     if not _gate(odometry, belief, settings):
         if publish and numbers[UNPUBLISHED] != 0:
             numbers[UNPUBLISHED] = 0

@@ -50,7 +50,8 @@ def cast_ray(cells, inverse_resolution, origin_x, origin_y, x, y, dx, dy, range_
     while travelled < limit:
         cell_x = start_x + travelled * dx
         cell_y = start_y + travelled * dy
-        if cell_x < 0.0 or cell_y < 0.0 or cell_x >= columns or cell_y >= rows:
+        # Written so that NaN, too, lies off the grid.
+        if not (cell_x >= 0.0 and cell_y >= 0.0 and cell_x < columns and cell_y < rows):
             return range_max
         column = int(cell_x)
         row = int(cell_y)
@@ -121,12 +122,12 @@ def raycast(
 def sample_field(distance, inverse_resolution, x, y):
     """Field value (m) at a point by bilinear interpolation, grid origin at (0, 0).
 
-    Outside the grid 0: nobody stands there.
+    Outside the grid, and for NaN, 0: nobody stands there.
     """
     rows, columns = distance.shape
     column = x * inverse_resolution - 0.5
     row = y * inverse_resolution - 0.5
-    if column < -0.5 or row < -0.5 or column > columns - 0.5 or row > rows - 0.5:
+    if not (column >= -0.5 and row >= -0.5 and column <= columns - 0.5 and row <= rows - 0.5):
         return 0.0
     column = min(max(column, 0.0), columns - 1.0)
     row = min(max(row, 0.0), rows - 1.0)

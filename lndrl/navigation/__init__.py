@@ -7,8 +7,6 @@ sooner after a crash.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import gymnasium
-
 from lndrl.navigation.actions import action_table
 from lndrl.navigation.episode import EpisodeRecord, Outcome
 from lndrl.navigation.observation import Observation, dequantise, quantise
@@ -21,10 +19,6 @@ if TYPE_CHECKING:
     from lndrl.navigation.render import render_snapshot
     from lndrl.navigation.snapshot import WorldSnapshot
     from lndrl.navigation.vector import StepResult, VectorNavigation
-
-gymnasium.register(
-    id="lndrl/Navigation-v0", entry_point="lndrl.navigation.environment:NavigationEnv"
-)
 
 _SIMULATION = {
     "Navigation": "navigation",

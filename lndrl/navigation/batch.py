@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class NavigationBatch:
     """``worlds`` worlds of one place, stepped together by compiled code.
 
     ``observation`` (worlds, ...) is where they show themselves. Working memory is shared by all of
-    them: one thread at a time.
+    them: one thread at a time. Raises ValueError for an observation of other sizes.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class NavigationBatch:
         observation: Observation,
     ) -> None:
         laser, localization = config.world.laser, config.localization
+        _check_room(observation, worlds, config)
         self.perfect = localization.kind == "perfect"
         if self.perfect:  # beliefs without particles worth speaking of
             fewest = {"min_particles": 1, "max_particles": 1}
@@ -69,33 +71,57 @@ class NavigationBatch:
         )
         self.task = _task(config)
         self.terms = own_terms(config, worlds)
-        shown = observation
-        machine = Machine(
-            self.world.robots,
-            self.world.people,
-            self.beliefs,
-            self.tracks,
-            Views(shown.scan, shown.pedestrians, shown.pedestrian_count, shown.goal),
-            self.world.setting,
-            self.world.scratch,
-            self.shared,
-            self.task,
-        )
-        self._packed = pack(machine)
         self.worlds = worlds
         self._still = np.zeros((1, 2))
+        self._packed = self._pack()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_packed"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # What kernels are handed names the same arrays once more: a copy's must name its own.
+        vars(self).update(state)
+        self._packed = self._pack()
+
+    def show_in(self, observation: Observation) -> None:
+        """Show the worlds in ``observation`` (worlds, ...) from now on, which has their state."""
+        self.observation = observation
+        self._packed = self._pack()
+
+    def _pack(self) -> Any:
+        shown = self.observation
+        return pack(
+            Machine(
+                self.world.robots,
+                self.world.people,
+                self.beliefs,
+                self.tracks,
+                Views(shown.scan, shown.pedestrians, shown.pedestrian_count, shown.goal),
+                self.world.setting,
+                self.world.scratch,
+                self.shared,
+                self.task,
+            )
+        )
 
     def drive(self, commands: NDArray[np.float64], first: int = 0) -> None:
         """Drive and sense for one control step; ``commands`` (n, 2) go to n worlds from ``first``
-        on.
+        on. Raises ValueError for worlds that are not there.
         """
+        if commands.ndim != 2 or commands.shape[1] != 2:
+            raise ValueError(f"commands must be (n, 2), not {commands.shape}")
+        self._check_worlds(first, len(commands))
         if self.terms is not None:
             self.terms.before(self, first, len(commands))
         drive_worlds(self._packed, first, commands, self.task.ticks)
 
     def judge(self, first: int = 0, worlds: int | None = None) -> None:
-        """Observe, pay and judge what ``worlds`` worlds (all) from ``first`` on have driven."""
+        """Observe, pay and judge what ``worlds`` worlds (all) from ``first`` on have driven.
+
+        Raises ValueError for worlds that are not there.
+        """
         count = self.worlds if worlds is None else worlds
+        self._check_worlds(first, count)
         judge_worlds(self._packed, first, count, False)
         if self.terms is not None:
             self.terms.pay(self, first, count)
@@ -114,7 +140,26 @@ class NavigationBatch:
 
     def observe(self, world: int) -> None:
         """Rewrite the observation of ``world``; nothing is paid."""
+        self._check_worlds(world, 1)
         judge_worlds(self._packed, world, 1, True)
+
+    def _check_worlds(self, first: int, count: int) -> None:
+        if not 0 <= first <= first + count <= self.worlds:
+            raise ValueError(f"{count} worlds from {first} on are not among {self.worlds}")
+
+
+def _check_room(observation: Observation, worlds: int, config: RunConfig) -> None:
+    """Raise ValueError unless ``observation`` has the arrays of ``worlds`` worlds: kernels write
+    there without looking.
+    """
+    wanted = Observation.zeros_for(worlds, config)
+    for name, expected in vars(wanted).items():
+        given = getattr(observation, name)
+        if given.shape != expected.shape or given.dtype != expected.dtype:
+            raise ValueError(
+                f"observation.{name} must be {expected.dtype} {expected.shape}, "
+                f"not {given.dtype} {given.shape}"
+            )
 
 
 def _task(config: RunConfig) -> Task:

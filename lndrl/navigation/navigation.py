@@ -8,7 +8,7 @@ observed, paid and judged. Ends, in this order: collided, lost, arrived, timeout
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +40,16 @@ def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, Likel
     return place, LikelihoodMap.build(place.grid, config.localization)
 
 
-def layout_of(config: RunConfig, world_id: int, episode: int) -> int:
-    """The layout that an episode of a world is played in; 0 unless the scenario is random."""
+def layout_of(config: RunConfig, world_id: int, episode: int, seed: int | None = None) -> int:
+    """The layout that an episode of a world is played in; 0 unless the scenario is random.
+
+    ``seed`` is that of the world, by default the run's.
+    """
     if config.scenario.kind != "random":
         return 0
     era = episode // EPISODES_PER_LAYOUT
-    return layout_number(config.scenario, config.seed, world_id + (era << 40))
+    seed = config.seed if seed is None else seed
+    return layout_number(config.scenario, seed, world_id + (era << 40))
 
 
 @dataclass(slots=True)
@@ -66,6 +70,8 @@ class Navigation:
     give a row of a larger Observation to have it filled there. Everything random derives from
     (seed, world_id, episode). ``batch`` is the memory to live in, as its world ``index``; by
     default an own one.
+
+    A copy (``copy.deepcopy``, ``pickle``) has memory of its own and goes on bit for bit the same.
     """
 
     def __init__(
@@ -88,6 +94,21 @@ class Navigation:
             batch, index = NavigationBatch(place, field, config, 1, observation.reshape(1)), 0
         self._layout = 0
         self._settle(batch, index)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # All else are views of the batch's arrays, which a copy would part from them.
+        kept = ("config", "world_id", "seed", "episode", "_layout", "batch", "index")
+        return {name: vars(self)[name] for name in kept}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._settle(self.batch, self.index)
+
+    def show_in(self, observation: Observation) -> None:
+        """Move to ``observation`` (1, ...), for a world that has a batch of its own."""
+        observation.put(slice(None), self.batch.observation)
+        self.batch.show_in(observation)
+        self.observation = observation.take((0, Ellipsis))
 
     def _settle(self, batch: NavigationBatch, index: int) -> None:
         """Live as world ``index`` of ``batch``."""
@@ -140,7 +161,7 @@ class Navigation:
     def reset(self, episode: int | None = None) -> None:
         """Start ``episode``, by default the one after the last; observes the start."""
         self.episode = self.episode + 1 if episode is None else episode
-        layout = layout_of(self.config, self.world_id, self.episode)
+        layout = layout_of(self.config, self.world_id, self.episode, self.seed)
         if layout != self._layout:
             self._move_to(layout)
         states = episode_states(self.seed, self.world_id, self.episode)
@@ -169,7 +190,7 @@ class Navigation:
         timeout = outcome == "timeout"
         return Transition(
             reward=float(self.track.reward[0]),
-            parts=self._parts(),
+            parts=self.parts(),
             terminated=bool(outcome) and not timeout,
             truncated=timeout,
             record=self.record() if outcome else None,
@@ -180,7 +201,8 @@ class Navigation:
         """Names of the reward's summands: the compiled ones, then terms of the user's own."""
         return (*REWARD_PARTS, *(self.batch.terms.names if self.batch.terms else ()))
 
-    def _parts(self) -> NDArray[np.float64]:
+    def parts(self) -> NDArray[np.float64]:
+        """The reward's summands in the last step, see ``part_names``."""
         terms = self.batch.terms
         if terms is None:
             return self.track.parts.copy()

@@ -120,7 +120,7 @@ class Observation:
 @njit(cache=True, nogil=True)
 def quantise_scan(ranges, scale, out):
     """``quantise`` for kernels: ranges and out (n,), ``scale`` counts per metre."""
-    for i in range(ranges.shape[0]):
+    for i in range(min(ranges.shape[0], out.shape[0])):
         count = np.float64(ranges[i]) * scale
         if count >= 0.0:
             # NaN fails this test and infinity the next: both read as no echo (parameters §4.2).
@@ -137,12 +137,12 @@ def push_scan(ranges, scale, begun, out):
 
     Where ``begun`` is true, the scan takes the places of all.
     """
-    beams = ranges.shape[0]
+    beams = min(ranges.shape[0], out.shape[0])
     older = out.shape[0] - beams
     for k in range(older):
         out[k] = out[k + beams]
     quantise_scan(ranges, scale, out[older:])
-    if begun:
+    if begun and beams > 0:
         for k in range(older):
             out[k] = out[older + k % beams]
 
@@ -186,6 +186,8 @@ def pedestrians_in_view(pose, position, velocity, extent, out):
     sine = np.sin(pose[2])
     distance = np.empty(capacity + 1)
     count = 0
+    if capacity == 0:
+        return 0
     for i in range(position.shape[0]):
         dx = position[i, 0] - pose[0]
         dy = position[i, 1] - pose[1]

@@ -46,7 +46,7 @@ def _disc_cells(x, y, cells, extent, radius, found):
 @njit(cache=True, nogil=True)
 def _paint(pedestrians, count, cells, extent, radius, out, found):
     out[:] = 0.0
-    for i in range(count):
+    for i in range(min(count, pedestrians.shape[0])):
         number = _disc_cells(
             float(pedestrians[i, 0]), float(pedestrians[i, 1]), cells, extent, radius, found
         )
@@ -72,7 +72,7 @@ def _collect_many(pedestrians, count, cells, extent, radius, offsets, cell, velo
     total = 0
     for n in range(pedestrians.shape[0]):
         begin = total
-        for i in range(int(count[n])):
+        for i in range(min(int(count[n]), pedestrians.shape[1])):
             number = _disc_cells(
                 float(pedestrians[n, i, 0]),
                 float(pedestrians[n, i, 1]),

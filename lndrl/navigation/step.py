@@ -173,12 +173,13 @@ def drive_worlds(machine, first, commands, ticks):
     ``machine`` is a packed ``Machine``.
 
     After every tick the filter hears odometry and laser; a collision ends a world's drive. The
-    last scan is a full one. 0 ticks only sense, as an episode's start does.
+    last scan is a full one. 0 ticks only sense, as an episode's start does. Worlds that the machine
+    does not have are left out.
     """
     robots, crowds = Robot(*machine[0]), People(*machine[1])
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     setting, scratch, shared = _setting(machine[5]), _scratch(machine[6]), _shared(machine[7])
-    for world in range(first, first + len(commands)):
+    for world in range(max(first, 0), min(first + len(commands), len(robots.pose))):
         robot, people = robot_row(robots, world), people_row(crowds, world)
         belief, track = belief_row(beliefs, world), track_row(tracks, world)
         if ticks > 0:
@@ -273,17 +274,17 @@ def judge_worlds(machine, first, worlds, begun):
     """Observe ``worlds`` worlds from ``first`` on, and pay and judge what they have just driven.
 
     ``machine`` is a packed ``Machine``. Where ``begun`` is true the worlds have only started:
-    there is nothing to pay.
+    there is nothing to pay. The paths keep the last point that they have room for.
     """
     robots, people = Robot(*machine[0]), People(*machine[1])
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     views, task = Views(*machine[4]), Task(*machine[8])
-    for i in range(first, first + worlds):
+    for i in range(max(first, 0), min(first + worlds, len(robots.pose))):
         _report(beliefs, tracks, begun, i)
         _observe(robots, people, tracks, views, task, begun, i)
         if not begun:
             _pay(robots, tracks, task, i)
-        step = tracks.steps[i, 0]
+        step = min(max(tracks.steps[i, 0], 0), tracks.path.shape[1] - 1)
         for k in range(2):
             tracks.path[i, step, k] = robots.pose[i, k]
             tracks.path_estimated[i, step, k] = tracks.reports[i, -1, k]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ class StepResult:
     truncated: NDArray[np.bool_]  # (B,)
     final_observation: Observation
     episodes: list[EpisodeRecord]
+    parts: NDArray[np.float64]  # (B, parts) the reward's summands, see ``Navigation.part_names``
 
 
 class VectorNavigation:
@@ -41,6 +43,8 @@ class VectorNavigation:
     happens in one world never depends on the others. ``observation`` (B,) is rewritten in place
     by ``step``: copy what must outlive it. ``on_end``, when set, is called with a world that has
     just ended and its record, before that world starts its next episode.
+
+    A copy (``copy.deepcopy``, ``pickle``) has memory of its own and goes on bit for bit the same.
     """
 
     def __init__(
@@ -76,6 +80,13 @@ class VectorNavigation:
         ]
         self.reset_all()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if self._batch is None:
+            # Each world's own batch shows itself in a row of ours, which it has been parted from.
+            for i, world in enumerate(self.worlds):
+                world.show_in(self.observation.take(slice(i, i + 1)))
+
     def __len__(self) -> int:
         return len(self.worlds)
 
@@ -104,6 +115,7 @@ class VectorNavigation:
             truncated=outcome == TIMEOUT,
             final_observation=self._final,
             episodes=[],
+            parts=self._parts(),
         )
         for i in np.flatnonzero(outcome).tolist():
             self._end(i, result)
@@ -128,6 +140,11 @@ class VectorNavigation:
             np.array([world.track.reward[0] for world in self.worlds]),
             np.array([world.track.outcome[0] for world in self.worlds]),
         )
+
+    def _parts(self) -> NDArray[np.float64]:
+        if self._batch is not None and self._batch.terms is None:
+            return self._batch.tracks.parts.copy()
+        return np.stack([world.parts() for world in self.worlds])
 
     def _end(self, i: int, result: StepResult) -> None:
         """Write down world ``i``'s episode, which has ended, and start its next one."""

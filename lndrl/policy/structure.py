@@ -78,12 +78,31 @@ def map_structure(observation: Observation, task: TaskConfig, pooling: int = 2) 
 
     Raises ValueError when the map is smaller than the stand-in, or cannot be halved three times.
     """
-    size, small = task.map_cells, STAND_IN[pooling]
+    cells = pedestrian_cells(observation.pedestrians, observation.pedestrian_count, task)
+    return _structure(*cells, task.map_cells, pooling)
+
+
+def drawn_structure(maps: NDArray[np.float32], pooling: int = 2) -> MapStructure:
+    """``map_structure`` of the same maps as they were drawn, (N, 3, size, size)."""
+    samples, _, size, _ = maps.shape
+    flat = maps.reshape(samples, 3, size * size)
+    sample, cell = np.nonzero(flat[:, 0])
+    offsets = np.searchsorted(sample, np.arange(samples + 1))
+    velocity = np.stack([flat[sample, 1, cell], flat[sample, 2, cell]], axis=1)
+    return _structure(offsets, cell.astype(np.int32), velocity, size, pooling)
+
+
+def _structure(
+    offsets: NDArray[np.int64],
+    cells: IntArray,
+    velocity: NDArray[np.float32],
+    size: int,
+    pooling: int,
+) -> MapStructure:
+    """Of N maps of ``size`` cells a side; the lists are those of ``pedestrian_cells``."""
+    small = STAND_IN[pooling]
     if size < small or size % pooling**LEVELS:
         raise ValueError(f"a map of {size} cells has no sparse evaluation")
-    offsets, cells, velocity = pedestrian_cells(
-        observation.pedestrians, observation.pedestrian_count, task
-    )
     values = np.ones((len(cells), 3), np.float32)
     values[:, 1:] = velocity
     ends = offsets[1:]
@@ -94,7 +113,7 @@ def map_structure(observation: Observation, task: TaskConfig, pooling: int = 2) 
         size, small = size // pooling, small // pooling
     order, starts, sample = _by_cell(cells, ends, size * size)
     return MapStructure(
-        len(observation),
+        len(offsets) - 1,
         values,
         tuple(levels),
         order,

@@ -130,11 +130,20 @@ def noisy_scan(ray_map, fan, pose, legs, leg_radius, stride, state, scratch, out
     """Fill ``out`` (m, float32, ``(n,)``) with readings of beams 0, stride, ..., n beams in all.
 
     ``pose`` [x, y, yaw] and ``legs`` ``(L, 2)`` float64 (m, rad, map frame); ``state`` uint64[4]
-    advances. Deterministic in its arguments; allocates nothing.
+    advances. Deterministic in its arguments; allocates nothing. Beams that the fan does not have or
+    ``scratch`` has no room for are left as they are.
     """
-    ranges = scratch.ranges[: len(out)]
+    n = _beams(fan, stride, scratch, out)
+    ranges = scratch.ranges[:n]
     trace(ray_map, fan, pose, legs, leg_radius, stride, scratch, ranges)
-    add_noise(ranges, fan, state, scratch.normals, out)
+    add_noise(ranges, fan, state, scratch.normals, out[:n])
+
+
+@njit(inline="always")
+def _beams(fan, stride, scratch, out):
+    """How many of the beams that ``out`` asks for there are."""
+    there = (len(fan.cosines) + stride - 1) // stride if stride > 0 else 0
+    return min(len(out), there, len(scratch.ranges))
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
@@ -144,8 +153,9 @@ def trace(ray_map, fan, pose, legs, leg_radius, stride, scratch, out):
     Walls are exact on the grid: 0 from within an occupied cell, ``range_max`` where nothing is
     hit or where the ray leaves the grid.
     """
-    trace_walls(ray_map, fan, pose, stride, scratch.faces, out)
-    trace_legs(fan, pose, legs, leg_radius, stride, out)
+    beams = out[: _beams(fan, stride, scratch, out)]
+    trace_walls(ray_map, fan, pose, stride, scratch.faces, beams)
+    trace_legs(fan, pose, legs, leg_radius, stride, beams)
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
@@ -256,7 +266,7 @@ def add_noise(ranges, fan, state, normals, out):
     A beam that meets nothing reports ``range_max`` without Gaussian noise: no echo has no
     distance. ``normals`` is working memory, float32, at least ``(n,)``.
     """
-    n = len(out)
+    n = min(len(out), len(ranges), len(normals))
     fill_normals32(state, normals[:n])
     limit = np.float32(fan.range_max)
     sigma = np.float32(fan.sigma_hit)

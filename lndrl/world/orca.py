@@ -167,9 +167,13 @@ def linear_program_3(lines, count, firm, begin, radius, x, y, projected):
 def near_agents(agent, position, agents, reach, most, nearest, distance2):
     """Rows of up to ``most`` agents nearer than ``reach`` m, nearest first; returns how many.
 
-    ``nearest`` (int64) gets the rows, ``distance2`` the squared distances; both need room for
-    ``most``. Of two at the same distance the earlier row comes first.
+    ``nearest`` (int64) gets the rows, ``distance2`` the squared distances; where they have room for
+    fewer than ``most``, that is how many. Of two at the same distance the earlier row comes first.
     """
+    most = min(most, len(nearest), len(distance2))
+    agents = min(agents, len(position))
+    if most < 1:
+        return 0
     x, y = position[agent, 0], position[agent, 1]
     limit2 = reach * reach
     count = 0
@@ -224,6 +228,7 @@ def orca_velocity(
     found = near_agents(
         agent, position, agents, neighbor_distance, max_neighbors, nearest, distance2
     )
+    found = min(found, min(len(lines), len(projected)) - firm)
     for k in range(found):
         other = nearest[k]
         px, py, dx, dy = orca_line(

@@ -109,9 +109,11 @@ def near_edges(x, y, edges, members, begin, end, reach, nearest, distance2):
     """Edges within ``reach`` m that the point faces, nearest first, into ``nearest`` (int64).
 
     Looks at ``members[begin:end]``; of two equally near the earlier comes first. ``distance2``
-    (float64) gets the squared distances; returns how many. Both need room for ``walls.most``.
+    (float64) gets the squared distances; returns how many, as many as there is room for: all, with
+    room for ``walls.most``.
     """
     count = 0
+    most = min(len(nearest), len(distance2))
     for k in range(begin, end):
         e = np.int64(members[k])
         px = x - edges[e, _X]
@@ -130,6 +132,8 @@ def near_edges(x, y, edges, members, begin, end, reach, nearest, distance2):
             square = px * px + py * py
         if square >= reach * reach:
             continue
+        if count >= most:
+            break
         slot = count
         while slot > 0 and square < distance2[slot - 1]:
             distance2[slot] = distance2[slot - 1]
@@ -165,11 +169,12 @@ def _put(lines, count, px, py, dx, dy):
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def tile_of(x, y, rows, columns, left, bottom):
     """Number of the tile that holds the point, -1 outside (arguments as in ``Walls``)."""
-    column = int(np.floor((x - left) * (1.0 / _TILE)))
-    row = int(np.floor((y - bottom) * (1.0 / _TILE)))
-    if row < 0 or column < 0 or row >= rows or column >= columns:
+    column = np.floor((x - left) * (1.0 / _TILE))
+    row = np.floor((y - bottom) * (1.0 / _TILE))
+    # Before they become integers: what is not finite, or does not fit one, lies outside.
+    if not (row >= 0.0 and column >= 0.0 and row < rows and column < columns):
         return -1
-    return row * columns + column
+    return int(row) * columns + int(column)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
@@ -193,10 +198,11 @@ def wall_lines(
 
     Metres and m/s; ``members[begin:end]`` are the edges of the agent's tile, ``radius`` its own,
     ``horizon`` the look-ahead (s). Fills ``lines`` from row 0 and returns how many; ``nearest``,
-    ``distance2`` are scratch. Each needs room for ``walls.most``.
+    ``distance2`` are scratch. With room for ``walls.most`` in each, none is left out.
     """
     reach = horizon * max_speed + radius
     found = near_edges(x, y, edges, members, begin, end, reach, nearest, distance2)
+    found = min(found, len(lines))
     inverse = 1.0 / horizon
     count = 0
     for k in range(found):

@@ -86,6 +86,8 @@ class Crowd:
 
     @count.setter
     def count(self, count: int) -> None:
+        if not 0 <= count <= self.capacity:
+            raise ValueError(f"{count} pedestrians in a crowd with room for {self.capacity}")
         self.people.count[0] = count
 
     def place_legs(self) -> None:
@@ -128,13 +130,13 @@ class Crowd:
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def _choose_target(i, position, route, route_length, target, direction, shuttle, reach):
     """Advance the waypoint of pedestrian ``i`` when reached; True: arrived for good."""
-    here = target[i]
+    here = min(max(target[i], 0), route.shape[1] - 1)
     dx = route[i, here, 0] - position[i, 0]
     dy = route[i, here, 1] - position[i, 1]
     distance2 = dx * dx + dy * dy
     if distance2 >= max(reach, _PASSED) ** 2:
         return False
-    last = route_length[i] - 1
+    last = min(route_length[i], route.shape[1]) - 1
     step = direction[i]
     final = (here == last and step > 0) or (here == 0 and step < 0)
     reached = distance2 < reach * reach
@@ -175,7 +177,7 @@ def _aim(count, people, reach, feels, aim):
             people.shuttle,
             reach,
         )
-        here = people.target[i]
+        here = min(max(people.target[i], 0), route.shape[1] - 1)
         dx = route[i, here, 0] - position[i, 0]
         dy = route[i, here, 1] - position[i, 1]
         length = np.sqrt(dx * dx + dy * dy)
@@ -321,7 +323,7 @@ def _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs):
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def place_legs(count, position, heading, travelled, step_length, leg_offset, legs):
     """Legs (2i: left, 2i + 1: right) by the eight-phase gait; a phase per step length."""
-    for i in range(count):
+    for i in range(min(count, len(heading), len(legs) // 2)):
         c, s = np.cos(heading[i]), np.sin(heading[i])
         _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs)
 
@@ -356,7 +358,8 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
     position, velocity, new_velocity = people.position, people.velocity, scratch.velocity
     feels, aim, force = scratch.feels, scratch.aim, scratch.force
     distance, inverse_resolution = surroundings.distance, surroundings.inverse_resolution
-    count = people.count[0]
+    # What there is room for, whatever the state says.
+    count = max(0, min(people.count[0], len(people.heading), len(feels) - 1))
     agents = count
     silent = -1
     if p.see_robot:

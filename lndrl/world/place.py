@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -125,6 +126,9 @@ class Place:
         )
         place._check()
         return replace(place, scenario=_with_ways(place))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Place:
+        return self  # never changed, and megabytes
 
     def room(self, x: float, y: float) -> float:
         """Metres from the point to the nearest wall, to within a cell; 0 outside."""

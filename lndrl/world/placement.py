@@ -70,7 +70,7 @@ def _choose_route(weight, state):
 @njit(cache=True, nogil=True)
 def _draw_path(routes, r, distance, inverse_resolution, state, path):
     """Write a way along route ``r`` to ``path`` (W + 2, 2); returns its number of points."""
-    length = routes.vias[r] + 2
+    length = min(routes.vias[r] + 2, len(path))
     reverse = routes.both_ways[r] and uniform(state) < 0.5
     for end in range(2):
         box = routes.start[r] if end == 0 else routes.goal[r]
@@ -81,7 +81,7 @@ def _draw_path(routes, r, distance, inverse_resolution, state, path):
         at = length - 1 if (end == 1) != reverse else 0
         path[at, 0] = x
         path[at, 1] = y
-    for k in range(routes.vias[r]):
+    for k in range(length - 2):
         at = length - 2 - k if reverse else k + 1
         path[at, 0] = routes.via[r, k, 0]
         path[at, 1] = routes.via[r, k, 1]
@@ -127,7 +127,8 @@ def place_people(people, routes, distance, inverse_resolution, robot, max_speed,
     draws find no such spot: then the roomiest of them. All walk at once with ``max_speed`` (m/s),
     somewhere in a cycle of ``gait`` metres.
     """
-    people.count[0] = routes.fewest + int(uniform(state) * (routes.most - routes.fewest + 1))
+    count = routes.fewest + int(uniform(state) * (routes.most - routes.fewest + 1))
+    people.count[0] = min(count, len(people.heading)) if len(routes.weight) > 0 else 0
     path = np.empty((people.route.shape[1], 2))
     for i in range(people.count[0]):
         best = -np.inf

@@ -70,6 +70,7 @@ def social_forces(
     ``feels`` int64 (A,), 0: exerts forces, feels none (its row of ``force`` means nothing). Row
     ``silent`` (the robot; -1 for none) is felt by position only: its velocity counts as 0.
     """
+    agents = min(agents, len(force), len(position))
     for i in range(agents):
         force[i, 0] = 0.0
         force[i, 1] = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -37,6 +37,9 @@ class Setting(NamedTuple):
     odometry_deviation: float
     robot_radius: float  # m
     leg_radius: float  # m
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Setting:
+        return self  # never changed, and megabytes
 
 
 class Scratch(NamedTuple):
@@ -112,7 +115,7 @@ class World:
     and ``start_pose`` [x, y, yaw], ``goal`` [x, y], ``command`` [v, w], ``pose_odometry``
     [x, y, yaw] with slip from (0, 0, 0) at the start. ``pedestrian_position``,
     ``pedestrian_velocity`` ``(P, 2)`` and ``leg_position`` ``(2P, 2)`` are views of this
-    episode's P pedestrians. Call ``reset`` before anything else.
+    episode's P pedestrians. Call ``reset`` before anything else. A copy has memory of its own.
 
     ``batch`` is the memory to live in, as its world number ``index``; by default an own one.
     """
@@ -121,6 +124,7 @@ class World:
         self, place: Place, config: WorldConfig, batch: WorldBatch | None = None, index: int = 0
     ) -> None:
         self.batch = WorldBatch(place, config) if batch is None else batch
+        self.index = index
         self.place = place
         self.config = config
         self.robot: Robot = robot_of(self.batch.robots, index)
@@ -130,6 +134,10 @@ class World:
         self.start_pose = self.robot.start
         self.goal = self.robot.goal
         self.command = self.robot.command
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # All that is here are views of the batch's arrays, which a copy would part from them.
+        return type(self), (self.place, self.config, self.batch, self.index)
 
     @property
     def time(self) -> float:

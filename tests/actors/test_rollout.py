@@ -152,7 +152,7 @@ def test_what_follows_a_step_is_taken_before_the_restart():
     before = current.copy()
     truncated = np.array([False, True, True, False, False])
     needed = np.array([True, False, True, False, True])
-    result = StepResult(np.zeros(5, np.float32), ~truncated, truncated, final, [])
+    result = StepResult(np.zeros(5, np.float32), ~truncated, truncated, final, [], np.zeros((5, 6)))
     rows = following(current, result, needed)
     for i, (source, row) in enumerate([(current, 0), (final, 2), (current, 4)]):
         assert_same(rows.take(i), source.take(row))

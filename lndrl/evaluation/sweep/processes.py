@@ -11,7 +11,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-import lndrl
 from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
 from lndrl.extensions import trusted_modules
@@ -136,7 +135,7 @@ def this_program() -> dict[str, str]:
     Whatever else is installed, and whatever lies in the child's working folder, which is another.
     Where this process trusts modules, the child finds those of this working folder, too.
     """
-    here = str(Path(lndrl.__file__).resolve().parents[1])
+    here = str(Path(__file__).resolve().parents[3])
     inherited = os.environ.get("PYTHONPATH")
     folders = [here, *([inherited] if inherited else [])]
     folders += [str(Path.cwd())] if trusted_modules() else []

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from lndrl.bench import report, transport
 from lndrl.bench.amcl import measure as measure_amcl
+from lndrl.bench.gym import measure as measure_gym
 from lndrl.bench.world import measure as measure_world
 from lndrl.errors import UserError
 from lndrl.transport import ChunkHeader
@@ -121,3 +122,18 @@ def test_cpu_of_the_transport_is_that_of_the_timed_chunks(monkeypatch: pytest.Mo
     chunks = receiver.spent[1][1] - receiver.spent[0][1]
     assert chunks in (10, 11), "a second, ten chunks in each"
     assert receiver.cpu_per_megabyte() == pytest.approx(1e3 * (7.0 - 5.0) / chunks)
+
+
+def test_the_ways_through_gymnasium_are_measured_side_by_side() -> None:
+    figures = measure_gym(0.2)
+    assert figures.keys() == {
+        "steps_per_second_sync",
+        "steps_per_second_vector",
+        "steps_per_second_raw",
+        "vector_of_raw",
+        "sync_of_raw",
+        "environments",
+        "cores_used",
+    }
+    assert all(value > 0 for value in figures.values())
+    assert figures["environments"] == 32
