@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable
-from time import perf_counter
-from typing import Any
+from time import perf_counter, process_time, thread_time
+from typing import Any, NamedTuple
 
 import gymnasium
 
@@ -22,10 +22,10 @@ def measure(seconds: float) -> dict[str, Any]:
 
     ``steps_per_second_raw``: ``VectorNavigation``, what actors use; ``_vector``: the vector
     environment around it, ``vectorization_mode="vector_entry_point"``; ``_sync``: Gymnasium's
-    own loop over single environments. All three run in one thread of one process
-    (``cores_used``). Medians over short turns that they take one after the other, so that what
-    else the machine does meets all alike; ``vector_of_raw`` and ``sync_of_raw`` are medians of the
-    turns' own ratios.
+    own loop over single environments. Medians over short turns that they take one after the other,
+    so that what else the machine does meets all alike. ``vector_of_raw`` and ``sync_of_raw``
+    compare the calling thread's own time in those turns, and ``cores_used`` is how many times as
+    much the vector environment's whole process took: 1, there is no other thread.
     """
     config = hybrid_config()
     raw = VectorNavigation(config, worlds=ENVIRONMENTS)
@@ -41,28 +41,37 @@ def measure(seconds: float) -> dict[str, Any]:
         "vector": lambda: made["vector_entry_point"].step(actions()),
         "sync": lambda: made["sync"].step(actions()),
     }
-    rates: dict[str, list[float]] = {name: [] for name in steps}
+    turns: dict[str, list[_Turn]] = {name: [] for name in steps}
     for turn in range(_TURNS + 1):
         for name, step in steps.items():
-            rate = _rate(step, seconds / (_TURNS * len(steps)))
+            taken = _take(step, seconds / (_TURNS * len(steps)))
             if turn > 0:  # the first warms up
-                rates[name].append(rate)
+                turns[name].append(taken)
     for environment in made.values():
         environment.close()
     figures: dict[str, Any] = {
-        f"steps_per_second_{name}": statistics.median(rates[name])
+        f"steps_per_second_{name}": statistics.median(t.steps / t.seconds for t in turns[name])
         for name in ("sync", "vector", "raw")
     }
     for name in ("sync", "vector"):
-        ratios = [mine / own for mine, own in zip(rates[name], rates["raw"], strict=True)]
+        pairs = zip(turns[name], turns["raw"], strict=True)
+        ratios = [(raw.own / raw.steps) / (mine.own / mine.steps) for mine, raw in pairs]
         figures[f"{name}_of_raw"] = statistics.median(ratios)
-    return {**figures, "environments": ENVIRONMENTS, "cores_used": 1}
+    cores = statistics.median(turn.whole / turn.own for turn in turns["vector"])
+    return {**figures, "environments": ENVIRONMENTS, "cores_used": round(cores, 2)}
 
 
-def _rate(step: Callable[[], Any], seconds: float) -> float:
-    started = perf_counter()
+class _Turn(NamedTuple):
+    steps: int
+    seconds: float
+    own: float  # s of the calling thread
+    whole: float  # s of all threads of the process
+
+
+def _take(step: Callable[[], Any], seconds: float) -> _Turn:
+    started, own, whole = perf_counter(), thread_time(), process_time()
     taken = 0
     while (elapsed := perf_counter() - started) < seconds or taken == 0:
         step()
         taken += ENVIRONMENTS
-    return taken / elapsed
+    return _Turn(taken, elapsed, thread_time() - own, process_time() - whole)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from lndrl.navigation.reward import REWARD_PARTS
@@ -37,7 +37,7 @@ class EpisodeRecord:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types for the wire."""
-        return asdict(self)
+        return {**vars(self), "reward_parts": dict(self.reward_parts)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], terms: Sequence[str] = ()) -> EpisodeRecord:
