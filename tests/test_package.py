@@ -54,7 +54,8 @@ def test_the_wheel_holds_code_types_and_configurations_and_nothing_else(wheel: P
     code = tracked("lndrl", "actors", "learner")
     assert {f"{package}/py.typed" for package in ("lndrl", "actors", "learner")} <= code
     about = f"lndrl-{VERSION}.dist-info/"
-    assert {name for name in held if not name.startswith(about)} == code | {
+    at_start = {"lndrl.pth", "_lndrl_registration.py"}
+    assert {name for name in held if not name.startswith(about)} == code | at_start | {
         f"lndrl/{name}" for name in tracked("configs")
     }
     assert {f"{about}licenses/LICENSE", f"{about}licenses/NOTICE"} <= held
@@ -100,6 +101,25 @@ def test_shipped_configurations_are_those_of_the_wheel(installed: Path, tmp_path
         [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
     )
     assert done.stdout.strip() == str(installed / "lndrl/configs")
+
+
+def test_gymnasium_knows_the_environment_where_the_wheel_is_installed(
+    installed: Path, tmp_path: Path
+) -> None:
+    code = (
+        f"import site, sys; sys.path.insert(0, {str(installed)!r}); site.addsitedir(sys.path[0])\n"
+        "import gymnasium; assert 'lndrl' not in sys.modules\n"
+        "print(gymnasium.spec('lndrl/Navigation-v0').entry_point)\n"
+        "import lndrl.registration; print(lndrl.registration.__file__)"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.stdout.split() == [
+        "lndrl.navigation.environment:NavigationEnv",
+        str(installed / "lndrl/registration.py"),
+    ], done.stderr
 
 
 def test_the_citation_names_this_version_and_the_paper() -> None:

@@ -1,0 +1,1 @@
+../lndrl/registration.py
