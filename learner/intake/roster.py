@@ -12,13 +12,13 @@ from typing import Any
 from learner.intake.ledger import ChunkId
 from learner.intake.sequences import Sequences
 from learner.timing import Rates
+from lndrl.config import MOST_ACTORS
 from lndrl.transport.status import ACTOR_ACTIVITIES, shares_of
 
 _SLOW_AFTER = 5.0  # s without an acknowledged chunk beyond the actor's own rhythm
 _RHYTHM = 8  # chunks that tell the rhythm
 _SLACK = 60.0  # s of activity that a chunk may report beyond the time since the one before
 _TIMINGS = 4096  # chunks whose timing is remembered, of each actor
-_MEMBERS = 2048
 _REMEMBERED = 600.0  # s that somebody who left without delivering anything stays in the table
 _LONGEST_HOST = 64  # letters
 _LIVES = 8  # incarnations of one actor whose sequences are remembered
@@ -122,7 +122,7 @@ class Roster:
     actors, one that is gone or never delivered anything.
     """
 
-    def __init__(self, most: int = _MEMBERS) -> None:
+    def __init__(self, most: int = MOST_ACTORS) -> None:
         self._most = most
         self._members: dict[str, Member] = {}
         self._next_index = 0

@@ -19,6 +19,7 @@ from lndrl.transport.wire import (
     DEFAULT_LIMITS,
     Limits,
     MessageError,
+    TooLargeError,
     pack,
     unpack,
 )
@@ -36,6 +37,7 @@ __all__ = [
     "Message",
     "MessageError",
     "Refusal",
+    "TooLargeError",
     "WeightsAnnouncement",
     "Welcome",
     "decode",
@@ -261,6 +263,18 @@ M = TypeVar("M", bound=Message)
 def encode(message: Message, arrays: Mapping[str, NDArray[Any]] | None = None) -> bytes:
     """A message and its arrays as bytes; raises MessageError for what cannot be sent."""
     return pack({"kind": message.KIND, "body": message.to_dict()}, arrays)
+
+
+def encode_chunk(header: ChunkHeader, arrays: Mapping[str, NDArray[Any]], megabytes: int) -> bytes:
+    """An upload as bytes; raises TooLargeError beyond what the learner's configuration allows."""
+    payload = encode(header, arrays)
+    if len(payload) > megabytes * 2**20:
+        raise TooLargeError(
+            f"a chunk of {len(payload) / 2**20:.3g} MiB exceeds the {megabytes} of the learner's"
+            " transport.max_message_megabytes; use fewer worlds, a shorter actor.horizon, or raise"
+            " it"
+        )
+    return payload
 
 
 def decode(

@@ -35,7 +35,7 @@ def train_serially(
     from lndrl.transport import MemoryNetwork
     from lndrl.view.dashboard.screen import plain_line
 
-    network = MemoryNetwork()
+    network = MemoryNetwork(config.transport)
     learner = Learner(config, path, network.learner(), resume, checkpoint)
     try:
         learner.begin()

@@ -7,6 +7,7 @@ queries; a thread that is inside Zenoh while the interpreter ends aborts the pro
 
 from __future__ import annotations
 
+import json
 import logging
 import socket
 import threading
@@ -35,8 +36,9 @@ class ZenohSession:
     Threads only ever wait inside ``recv``, which ends when the session closes.
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, largest_message: int = 2**30) -> None:
         self.zenoh = session
+        self.largest_message = largest_message  # bytes; larger ones are not received
         self._closing = threading.Event()
         self._threads: list[threading.Thread] = []
         self._lock = threading.Lock()
@@ -189,7 +191,7 @@ def open_listening(
         "transport/unicast/max_sessions": 4096,
     }
     try:
-        return ZenohSession(open_session(settings, 10.0, security))
+        return _opened(settings, 10.0, security)
     except (zenoh.ZError, UnreachableError) as error:
         text = str(error)
     if "in use" in text:
@@ -227,7 +229,7 @@ def open_connecting(
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
     try:
-        return ZenohSession(open_session(settings, timeout, security))
+        return _opened(settings, timeout, security)
     except zenoh.ZError as error:
         raise UnreachableError(str(error)) from None
 
@@ -248,6 +250,9 @@ def _common(config: TransportConfig) -> dict[str, Any]:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
+        # Neither sent nor taken: what lies in shared memory passes every limit of size, and
+        # whoever sent it may still change it.
+        "transport/shared_memory/enabled": False,
         "transport/shared_memory/transport_optimization/enabled": False,
         "transport/link/tx/lease": int(config.lease * 1000),
         "transport/link/rx/max_message_size": config.max_message_megabytes * 2**20,
@@ -256,11 +261,21 @@ def _common(config: TransportConfig) -> dict[str, Any]:
     }
 
 
+def _opened(settings: Mapping[str, Any], timeout: float, security: Security) -> ZenohSession:
+    built = build(settings, security)
+    largest = json.loads(built.get_json("transport/link/rx/max_message_size"))
+    return ZenohSession(open_built(built, timeout), largest)
+
+
 def open_session(
     settings: Mapping[str, Any], timeout: float, security: Security | None = None
 ) -> zenoh.Session:
     """Open a session within about ``timeout`` s; raises ZError, and UnreachableError when late."""
-    built = build(settings, security)
+    return open_built(build(settings, security), timeout)
+
+
+def open_built(built: zenoh.Config, timeout: float) -> zenoh.Session:
+    """As ``open_session``, of a configuration that is built."""
     result: list[Any] = []
     abandoned = threading.Event()
 
