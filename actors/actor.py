@@ -11,6 +11,7 @@ import os
 import secrets
 import socket
 import threading
+import time
 from collections.abc import Callable
 
 import torch
@@ -185,11 +186,14 @@ class Actor:
         # A learner that was there once comes back: it is waited for.
         patient = self._patient or self._welcome is not None
         while not stopped():
+            began = time.monotonic()
             try:
                 return self.endpoint.hello(hello, PATIENT_TIMEOUT if patient else HELLO_TIMEOUT)
             except LearnerUnreachableError:
                 if not patient:
                     raise
+                # An unknown host is found out at once; it need not be asked for without pause.
+                time.sleep(max(0.0, PATIENT_TIMEOUT - (time.monotonic() - began)))
         return None
 
     def _rebase(self, version: int, kept: int) -> None:

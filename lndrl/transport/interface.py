@@ -83,7 +83,7 @@ class ActorEndpoint(Protocol):
         """Introduce the actor; again when ``needs_hello`` says so, kept chunks follow.
 
         Raises UserError when refused, its subclass LearnerUnreachableError when no learner
-        answers within ``timeout`` seconds.
+        answers within ``timeout`` seconds, or at once where its host name is unknown.
         """
         ...
 

@@ -36,6 +36,7 @@ from lndrl.transport.messages import (
     digest,
     encode,
 )
+from lndrl.transport.security.exposure import UnknownHostError
 from lndrl.transport.security.identity import Security, parse_endpoint
 from lndrl.transport.zenoh.session import (
     ExitGuard,
@@ -184,6 +185,9 @@ class ZenohActor(Bookkeeper):
                             self._session = self._connect(left)
                     except UnreachableError:
                         return None
+                    except UnknownHostError as error:
+                        # At once, and yet names may get an address later: who is patient waits.
+                        raise LearnerUnreachableError(str(error)) from None
                 continue
             sample = self._ask(HELLO, data, left)
             if sample is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import socket
 import threading
 from collections.abc import Callable, Mapping
@@ -18,7 +19,8 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
-from lndrl.transport.security.identity import Security, parse_endpoint
+from lndrl.transport.security.exposure import check_hosts, endpoints_of, read_endpoint
+from lndrl.transport.security.identity import Security
 from lndrl.transport.security.identity import settings as settings_of
 from lndrl.transport.zenoh.config import build
 
@@ -180,7 +182,6 @@ def open_listening(
 ) -> ZenohSession:
     """The learner's session, a router that listens; raises UserError when it cannot."""
     security = security or Security("learner")
-    _, host, port = parse_endpoint(endpoint)
     security.check(endpoint, listening=True)
     settings = {
         **_common(config),
@@ -190,22 +191,34 @@ def open_listening(
         "listen/exit_on_failure": True,
         "transport/unicast/max_sessions": 4096,
     }
+    built = build(settings, security)
+    if not any(any(endpoints_of(_read(built), side)) for side in ("listen", "connect")):
+        raise UserError(f"{security.overlay}: lets the learner listen nowhere; name an endpoint")
     try:
-        return _opened(settings, 10.0, security)
+        return _opened(built, 10.0)
     except (zenoh.ZError, UnreachableError) as error:
-        text = str(error)
-    if "in use" in text:
-        raise UserError(
+        text = _plain(error)
+    raise UserError(_why_deaf(endpoint, list(endpoints_of(_read(built), "listen")), text))
+
+
+def _why_deaf(configured: str, listening: list[str], text: str) -> str:
+    """Why zenoh, which says ``text``, cannot listen; an operator's file may have it elsewhere."""
+    named = [each for each in listening if each in text] or listening
+    if len(named) != 1:
+        return f"endpoints {', '.join(named) or 'of nowhere'}: cannot listen ({text})"
+    endpoint = read_endpoint(named[0])
+    host, port = endpoint.host, endpoint.port
+    if "in use" in text and port:
+        place = "transport.endpoint" if endpoint.text == configured else "the zenoh settings"
+        return (
             f"port {port} is in use on {host}; stop the program that listens there or choose"
-            " another port in transport.endpoint"
+            f" another port in {place}"
         )
     if "assign requested address" in text:
-        raise UserError(f"endpoint {endpoint}: this machine does not have the address {host}")
-    if "lookup" in text:
-        raise UserError(f"endpoint {endpoint}: the host name {host} is unknown")
-    if "ermission denied" in text:
-        raise UserError(f"endpoint {endpoint}: port {port} is not allowed; choose one above 1023")
-    raise UserError(f"endpoint {endpoint}: cannot listen ({text[:200]})")
+        return f"endpoint {endpoint.text}: this machine does not have the address {host}"
+    if "ermission denied" in text and port:
+        return f"endpoint {endpoint.text}: port {port} is not allowed; choose one above 1023"
+    return f"endpoint {endpoint.text}: cannot listen ({text})"
 
 
 def open_connecting(
@@ -228,10 +241,14 @@ def open_connecting(
         },
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
+    built = build(settings, security)
     try:
-        return _opened(settings, timeout, security)
+        return _opened(built, timeout)
     except zenoh.ZError as error:
-        raise UnreachableError(str(error)) from None
+        text = _plain(error)
+    if "Unable to connect" in text:
+        raise UnreachableError(text)
+    raise UserError(f"zenoh cannot open a session for {endpoint} ({text})")
 
 
 def cure(security: Security) -> str:
@@ -261,10 +278,18 @@ def _common(config: TransportConfig) -> dict[str, Any]:
     }
 
 
-def _opened(settings: Mapping[str, Any], timeout: float, security: Security) -> ZenohSession:
-    built = build(settings, security)
+def _opened(built: zenoh.Config, timeout: float) -> ZenohSession:
     largest = json.loads(built.get_json("transport/link/rx/max_message_size"))
     return ZenohSession(open_built(built, timeout), largest)
+
+
+def _read(built: zenoh.Config) -> dict[str, Any]:
+    return {side: json.loads(built.get_json(side)) for side in ("listen", "connect")}
+
+
+def _plain(error: Exception) -> str:
+    """What zenoh says, without the places in its source."""
+    return re.sub(r"\.? at /\S+?:\d+\.?", "", str(error))[:200].rstrip(". ")
 
 
 def open_session(
@@ -275,14 +300,15 @@ def open_session(
 
 
 def open_built(built: zenoh.Config, timeout: float) -> zenoh.Session:
-    """As ``open_session``, of a configuration that is built."""
+    """As ``open_session``, of a configuration that is built; raises UserError, too."""
     result: list[Any] = []
     abandoned = threading.Event()
 
     def work() -> None:
         try:
+            check_hosts(_read(built))
             session = zenoh.open(built)
-        except Exception as error:
+        except BaseException as error:  # a panic of zenoh's is no Exception
             result.append(error)
             return
         result.append(session)
@@ -297,4 +323,6 @@ def open_built(built: zenoh.Config, timeout: float) -> zenoh.Session:
         raise UnreachableError(f"opening took longer than {timeout:g} s")
     if isinstance(result[0], Exception):
         raise result[0]
+    if isinstance(result[0], BaseException):
+        raise UserError(f"zenoh fails with these settings ({result[0]})")
     return result[0]
