@@ -114,7 +114,7 @@ def test_an_actor_learns_the_learners_limit_and_window(opened: Opened) -> None:
     actor = opened(open_actor(config.endpoint))  # with the defaults, as on another machine
     actor.hello(HELLO, 5)
     actor.adopt(config)
-    assert actor._ledger.window == len(actor._carriers) == 3
+    assert actor.ledger.window == len(actor._carriers) == 3
     with pytest.raises(TooLargeError, match="exceeds the 1 of the learner's") as e:
         send(actor, 1, MEBIBYTE)
     assert isinstance(e.value, UserError)
