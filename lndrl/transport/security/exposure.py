@@ -95,10 +95,9 @@ def check_exposure(settings: Mapping[str, Any], insecure: bool) -> None:
         protected = encrypted and (tls.get("enable_mtls") or users)
         if insecure or endpoint.is_local or protected:
             continue
-        _check_host(endpoint)  # that it is unknown says more
-        where = f" through {endpoint.interface}" if endpoint.interface else ""
+        where = f" on the network of {endpoint.interface}" if endpoint.interface else ""
         raise UserError(
-            f"endpoint {endpoint.text} is open to other machines{where} and not protected; use"
+            f"endpoint {endpoint.text} is open to other machines and not protected{where}; use"
             f" --certs FOLDER with tls/{endpoint.host}:{endpoint.port}, listen on 127.0.0.1, or"
             " accept that with --insecure"
         )

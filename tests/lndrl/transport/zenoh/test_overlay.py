@@ -114,7 +114,7 @@ def test_settings_that_do_not_go_with_ours_are_said(tmp_path: Path) -> None:
         ("tcp/127.0.0.1:99999", "needs a host and a port up to 65535"),
         ("tcp/127.0.0.1:7447#iface=none0", r"no network interface none0; it has .*lo"),
         ("tcp/0.0.0.0:7447#iface=eth0",
-         r"open to other machines through eth0 and not protected; use --certs FOLDER with"
+         r"open to other machines and not protected on the network of eth0; use --certs FOLDER with"
          r" tls/0\.0\.0\.0:7447, listen on"),
         ("unixsock-stream/?a=1", "needs a file"),
     ],
@@ -169,8 +169,9 @@ def test_an_unknown_host_is_said_at_once_and_by_name(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"host name no\.such\.host\.invalid is unknown"):
         viewer.status(60)
     viewer.close()
+    anywhere = Security("learner", insecure=True)
     with pytest.raises(UserError, match=r"host name no\.such\.host\.invalid is unknown"):
-        open_learner(config)
+        open_learner(config, security=anywhere)
     router = config.model_copy(update={"router": True})
     with pytest.raises(UserError, match=r"host name no\.such\.host\.invalid is unknown"):
         open_learner(router)
