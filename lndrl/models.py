@@ -63,7 +63,7 @@ def _effective_value(value: Any, dumped: Any) -> Any:
 def load_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; raises UserError with file and line otherwise."""
     try:
-        text = path.read_text()
+        text = path.read_text("utf-8")
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
