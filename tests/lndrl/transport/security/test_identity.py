@@ -27,6 +27,7 @@ from lndrl.transport.security.identity import (
 )
 from lndrl.transport.zenoh import deployment
 from lndrl.transport.zenoh.config import build, merged
+from lndrl.transport.zenoh.learner import ZenohLearner
 from lndrl.transport.zenoh.overlay import read_overlay
 from tests.lndrl.transport.security.authority import make_certificates
 

@@ -54,7 +54,8 @@ def refusal(folder: Path, text: str, insecure: bool = False) -> str:
 )  # fmt: skip
 def test_a_list_is_no_settings(key: str, tmp_path: Path) -> None:
     """zenoh takes a list for the values of a mapping, in the order of its source."""
-    for empty in ([], [[]]):
+    lists: tuple[list[Any], ...] = ([], [[]])
+    for empty in lists:
         text = json.dumps(at(key.split("/"), empty))
         sentence = refusal(tmp_path, text)
         assert key in sentence and ("between braces" in sentence or "not a setting" in sentence)
