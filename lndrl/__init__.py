@@ -1,8 +1,8 @@
 """Robots that learn to walk through crowds without losing track of where they are.
 
 What a user's own program needs of the package stands here and is imported when it is first asked
-for; importing the package alone only tells Gymnasium the environment's name, and numba where to keep
-kernels if they have no place.
+for; importing the package alone only tells Gymnasium the environment's name, and numba where to
+keep kernels if they have no place.
 """
 
 from importlib import import_module

@@ -15,6 +15,7 @@ FLOORS = {
     "lndrl": 7,  # the front door: nobody inside goes through it
     "lndrl.caches": 0,
     "lndrl.errors": 0,
+    "lndrl.kernels": 0,
     "lndrl.extensions": 0,
     "lndrl.models": 0,
     "lndrl.scenario": 0,

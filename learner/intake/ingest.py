@@ -89,7 +89,11 @@ class Ingest:
             text = f"actor {hello.actor_id}: {self.roster.counts()[0]} actors are here already"
             self.events.add("refused", text, hello.actor_id)
             return Refusal("this learner has all the actors that it can serve; stop one of them")
-        self.events.add("join", f"actor {hello.actor_id} on {member.host}", sender=hello.actor_id)
+        again = member.kernels[1] > 0 or hello.kernels_needed > 0
+        member.kernels = (hello.kernels_ready, hello.kernels_needed)
+        if not again:
+            text = f"actor {hello.actor_id} on {member.host}"
+            self.events.add("join", text, sender=hello.actor_id)
         return Welcome(
             run_id=self.run_id,
             config=self._config_data,

@@ -42,6 +42,7 @@ class Member:
     left: float = field(default_factory=lambda: time.monotonic())  # where it is gone
     last_ack: float | None = None  # monotonic s
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_RHYTHM))  # s
+    kernels: tuple[int, int] = (0, 0)  # that it has, of those that it needs; while it compiles
     late: int = 0  # chunks that came since it vanished
     version: int = 0
     steps: int = 0
@@ -74,7 +75,7 @@ class Member:
         # A chunk may still be on its way from an actor that was taken away.
         self.retired = self.retired and self.incarnation == incarnation
         if self.incarnation != incarnation:
-            self.incarnation, self.alive = incarnation, True
+            self.incarnation, self.alive, self.kernels = incarnation, True, (0, 0)
 
     def state(self, now: float) -> str:
         """active, slow or gone at ``now`` (monotonic s)."""
@@ -102,6 +103,7 @@ class Member:
         if self.last_ack is not None and self.alive:
             self.intervals.append(now - self.last_ack)
         self.last_ack = now
+        self.kernels = (0, 0)
         if not self.alive:
             # What was on its way when an actor froze or died does not bring it back to life.
             self.late += 1
@@ -237,6 +239,8 @@ class Roster:
                     "worlds": member.worlds,
                     "state": member.state(now),
                     "last_ack_age": age,
+                    "kernels_ready": member.kernels[0],
+                    "kernels_needed": member.kernels[1],
                     "lag": max(0, weights_version - member.version),
                     "steps": member.steps,
                     "rate": member.rates.rate(60.0) if member.alive else 0.0,

@@ -9,15 +9,35 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.localization import LikelihoodMap, amcl_beam_stride
-from lndrl.localization.belief import make_beliefs, make_field, make_scratch, make_settings
+from lndrl.localization.belief import (
+    make_beliefs,
+    make_field,
+    make_scratch,
+    make_settings,
+    room_for,
+)
 from lndrl.localization.bins import make_bins
 from lndrl.localization.resampling import kld_limits
+from lndrl.localization.update import reset_belief
+from lndrl.maps.paths import leg_room
+from lndrl.maps.raycast import sample_field
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.reward import reward_weights
 from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
 from lndrl.navigation.terms import own_terms
 from lndrl.navigation.track import RUNNING, make_tracks
+from lndrl.randomness import uniform
 from lndrl.world import Place, WorldBatch, beam_bearings
+from lndrl.world.pedestrians import place_legs
+from lndrl.world.place import draw_free
+from lndrl.world.placement import place_people
+from lndrl.world.social_force import relaxation
+
+KERNELS = (
+    draw_free, leg_room, sample_field, uniform, relaxation, room_for,
+    place_people, place_legs, reset_belief, drive_worlds, judge_worlds,
+)  # fmt: skip
+"""What places and worlds call from Python, as they do; all the rest is called by these."""
 
 
 class NavigationBatch:

@@ -87,6 +87,13 @@ class ActorEndpoint(Protocol):
         """
         ...
 
+    def tell(self, hello: Hello) -> None:
+        """Say hello again without heeding an answer: what is new about this actor.
+
+        Never raises, and returns at once.
+        """
+        ...
+
     def upload(
         self,
         header: ChunkHeader,

@@ -134,6 +134,12 @@ class MemoryActor(Bookkeeper):
         self._send()
         return answer
 
+    def tell(self, hello: Hello) -> None:
+        """Say what is new about this actor."""
+        if self._network.desk is not None:
+            with self._network.hello_lock:
+                self._network.desk.answer_hello(encode(hello))
+
     def upload(
         self,
         header: ChunkHeader,

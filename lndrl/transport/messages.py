@@ -107,7 +107,11 @@ class Message:
 
 @dataclass(frozen=True)
 class Hello(Message):
-    """An actor introduces itself. ``incarnation`` is random for every start of the process."""
+    """An actor introduces itself. ``incarnation`` is random for every start of the process.
+
+    One that compiles kernels before it can begin says so again and again: how many of those that
+    it needs are ready.
+    """
 
     KIND: ClassVar[str] = "hello"
     actor_id: str
@@ -117,8 +121,12 @@ class Hello(Message):
     worlds: int
     program_version: str
     protocol: int = PROTOCOL_VERSION
+    kernels_ready: int = 0
+    kernels_needed: int = 0
 
     def __post_init__(self) -> None:
+        _integer("kernels_ready", self.kernels_ready)
+        _integer("kernels_needed", self.kernels_needed)
         _identifier("actor_id", self.actor_id)
         _identifier("incarnation", self.incarnation)
         _text("host", self.host)

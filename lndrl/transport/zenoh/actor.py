@@ -76,6 +76,7 @@ class ZenohActor(Bookkeeper):
         self._failures = 0
         self._carriers: list[threading.Thread] = []
         self._guard: ExitGuard | None = None
+        self._told: Any = None  # the channel of an answer that nobody waits for
 
     def hello(self, hello: Hello, timeout: float = 10.0) -> Welcome:
         """Introduce the actor."""
@@ -98,6 +99,16 @@ class ZenohActor(Bookkeeper):
         self.ledger.welcomed(answer)
         self._start_carriers()
         return answer
+
+    def tell(self, hello: Hello) -> None:
+        """Say what is new about this actor; whether it arrives does not matter."""
+        session = self._session
+        if session is None or session.closing:
+            return
+        try:
+            self._told = session.ask(HELLO, encode(hello), REOPEN_SECONDS)
+        except zenoh.ZError as error:
+            logger.debug("news could not leave: %s", error)
 
     def upload(
         self,
