@@ -11,13 +11,16 @@ import os
 import secrets
 import socket
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import torch
 
 from actors.fetcher import FETCH_TIMEOUT, Fetcher
 from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
+from lndrl import kernels
 from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
 from lndrl.transport import (
     NO_WEIGHTS,
@@ -34,6 +37,7 @@ HELLO_TIMEOUT = 10.0
 PATIENT_TIMEOUT = 1.0  # s per attempt, between which a stop is noticed
 WEIGHTS_WAIT = 0.2  # s of one wait, between which a stop is noticed
 WINDOW_WAIT = 0.02
+TELL_EVERY = 1.0  # s between two words on how far kernels are
 
 EPISODE_OFFSETS = 1 << 31
 """Hashed first episodes stay below this, so that counting on from them stays in 32 bits."""
@@ -162,7 +166,8 @@ class Actor:
             worlds = self._worlds or config.worlds_per_actor(self._siblings)
             if self._alone:
                 torch.set_num_threads(config.actor.threads)
-            rollout = Rollout(config, index, worlds, first_episode, self._device, self.laps)
+            with self._compiling_told():
+                rollout = Rollout(config, index, worlds, first_episode, self._device, self.laps)
             self.rollout, self._weights_from = rollout, ""
             self.laps.restart()  # building worlds and compiling is no part of any chunk
         self._on_event(
@@ -173,7 +178,22 @@ class Actor:
 
     def _hello(self, stopped: Callable[[], bool]) -> Welcome | None:
         """The learner's welcome; None when ``stopped()`` before a learner answered."""
-        hello = Hello(
+        hello = self._introduction()
+        # A learner that was there once comes back: it is waited for.
+        patient = self._patient or self._welcome is not None
+        while not stopped():
+            began = time.monotonic()
+            try:
+                return self.endpoint.hello(hello, PATIENT_TIMEOUT if patient else HELLO_TIMEOUT)
+            except LearnerUnreachableError:
+                if not patient:
+                    raise
+                # An unknown host is found out at once; it need not be asked for without pause.
+                time.sleep(max(0.0, PATIENT_TIMEOUT - (time.monotonic() - began)))
+        return None
+
+    def _introduction(self, kernels_ready: int = 0, kernels_needed: int = 0) -> Hello:
+        return Hello(
             actor_id=self.actor_id,
             incarnation=self.incarnation,
             host=socket.gethostname(),
@@ -181,16 +201,30 @@ class Actor:
             # Before the first welcome the number may be known to the learner alone.
             worlds=self.rollout.worlds if self.rollout else self._worlds or 1,
             program_version=VERSION,
+            kernels_ready=kernels_ready,
+            kernels_needed=kernels_needed,
         )
-        # A learner that was there once comes back: it is waited for.
-        patient = self._patient or self._welcome is not None
-        while not stopped():
-            try:
-                return self.endpoint.hello(hello, PATIENT_TIMEOUT if patient else HELLO_TIMEOUT)
-            except LearnerUnreachableError:
-                if not patient:
-                    raise
-        return None
+
+    @contextmanager
+    def _compiling_told(self) -> Iterator[None]:
+        """Tell learner and fleet how far the kernels are, should any have to be compiled now."""
+        if not self._alone:  # whoever shares the process tells his own user
+            yield
+            return
+        lines = kernels.Lines(lambda text: self._on_event("starting", text))
+        told_at = float("-inf")
+
+        def report(ready: int, needed: int) -> None:
+            nonlocal told_at
+            lines(ready, needed)
+            if time.monotonic() - told_at >= TELL_EVERY:
+                told_at = time.monotonic()
+                self.endpoint.tell(self._introduction(ready, needed))
+
+        with kernels.told(report):
+            yield
+        if told_at > float("-inf"):
+            self.endpoint.tell(self._introduction())
 
     def _rebase(self, version: int, kept: int) -> None:
         """Lock-step: count chunks anew from weights ``version``.

@@ -40,6 +40,8 @@ BACKOFF_FIRST, BACKOFF_MOST = 0.5, 8.0
 HEALTHY_AFTER = 60.0
 """Seconds of life after which a worker's earlier deaths no longer lengthen its backoff."""
 
+LONGEST_HOST = 40
+"""Letters; with process and number an actor's name stays below 64 (``messages.IDENTIFIER``)."""
 STOP_WITHIN = worker.LEAVE_WITHIN + 1.0
 POLL_INTERVAL = 0.2
 LOGGER = logging.getLogger("lndrl.actors")
@@ -85,7 +87,7 @@ class Fleet:
     ) -> None:
         if count < 1:
             raise ValueError(f"a fleet needs at least 1 actor, not {count}")
-        name = f"{re.sub(r'[^A-Za-z0-9.-]', '-', socket.gethostname())}-{os.getpid()}"
+        name = f"{_plain(socket.gethostname())}-{os.getpid()}"
         self.restarts = 0
         self.error = ""
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
@@ -248,6 +250,11 @@ class Fleet:
             slot.channel.close()
         slot.process = slot.channel = None
         slot.joined = False
+
+
+def _plain(host: str) -> str:
+    """``host`` as the first part of an actor's name, of which learners take 64 letters."""
+    return re.sub(r"[^A-Za-z0-9.-]", "-", host).lstrip(".-")[:LONGEST_HOST] or "host"
 
 
 def run_fleet(

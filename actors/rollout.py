@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from actors.laps import Laps
 from lndrl.config import RunConfig
+from lndrl.kernels import expect
 from lndrl.navigation import (
     EpisodeRecord,
     Observation,
@@ -23,6 +24,7 @@ from lndrl.navigation import (
     build_surroundings,
     final_indices,
 )
+from lndrl.navigation.batch import KERNELS
 from lndrl.policy import PolicyRunner
 from lndrl.randomness import Stream
 
@@ -61,11 +63,12 @@ class Rollout:
         self.steps = config.actor.horizon
         self.worlds = worlds or config.worlds_per_actor()
         self.version = -1  # no weights yet
+        expect(*KERNELS)  # the policy's first ones are compiled before there is a world
+        self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         surroundings = build_surroundings(config)
         self.environment = VectorNavigation(
             config, actor_index * WORLDS_PER_ACTOR, self.worlds, first_episode, surroundings
         )
-        self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         # Compile every kernel now, on a world that nobody records.
         scratch = VectorNavigation(config, 0, 1, surroundings=surroundings)
         self.runner.act(scratch.observation, np.random.default_rng(0))

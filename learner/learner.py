@@ -12,6 +12,7 @@ import numpy as np
 from learner.intake.accounts import Accounts
 from learner.intake.ingest import Chunk, Ingest
 from learner.intake.ledger import Ledger
+from learner.intake.limits import check_messages
 from learner.intake.roster import Roster
 from learner.memory import MemoryTide, keep_freed_memory
 from learner.ppo.batch import Batch, assemble
@@ -66,6 +67,7 @@ class Learner:
         self.config = config
         self.endpoint = endpoint
         self.ppo = PPO(config)
+        check_messages(config, len(to_bytes(self.ppo.policy)), endpoint.largest_message)
         self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
         self.roster = Roster()
         self.counters = Counters()
@@ -91,6 +93,7 @@ class Learner:
             self.roster,
             self.events,
             self.accounts,
+            endpoint.largest_message,
         )
         self.episodes = EpisodeWindow(self.counters.episodes, tuple(config.task.reward.terms))
         self.split = TimeSplit(LEARNER_ACTIVITIES)

@@ -10,6 +10,7 @@ from threading import Event
 from learner.learner import Learner
 from learner.run.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
+from lndrl import kernels
 from lndrl.config import RunConfig
 from lndrl.transport import Security, open_learner
 
@@ -46,7 +47,8 @@ def run_learner(
         status.start()
         on_ready(learner)
         try:
-            learner.run(stop)
+            with kernels.told(kernels.Lines(lambda text: learner.events.add("start", text))):
+                learner.run(stop)
         finally:
             status.stop()
             learner.close()

@@ -7,6 +7,7 @@ from threading import Event, Thread
 from typing import Any
 
 from learner.learner import Learner
+from lndrl import kernels
 from lndrl.transport.status import balance_word, overhead
 
 _SETTLING = 5.0  # s from the first update on, before which shares of time say little
@@ -55,6 +56,8 @@ def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
         return "done"
     if all(actor["state"] == "gone" for actor in actors):
         return "waiting for actors"
+    if sentence := _compiling(learner, actors):
+        return f"compiling: {sentence}"
     # That the learner waited for the first batch of all says nothing about the balance.
     first = learner.first_update
     since = time.monotonic() - first if first is not None else 0.0
@@ -62,6 +65,22 @@ def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
         return "learning"
     waits = learner.split.shares(since)["wait"]
     return balance_word(waits, learner.roster.shares(since).get("wait", 0.0))
+
+
+def _compiling(learner: Learner, actors: list[dict[str, Any]]) -> str:
+    """How far kernels are where the run waits for them, as it does on a machine's first start."""
+    own = kernels.in_progress()
+    waiting = [a for a in actors if a["state"] != "gone" and a["kernels_needed"]]
+    if own is not None:
+        (ready, needed), who = own, "in the learner"
+    elif learner.first_update is None and waiting:
+        first = max(waiting, key=lambda actor: actor["kernels_ready"])
+        ready, needed = first["kernels_ready"], first["kernels_needed"]
+        others = f" and {len(waiting) - 1} more" if len(waiting) > 1 else ""
+        who = f"on {first['id']}{others}"
+    else:
+        return ""
+    return f"{ready} of {needed} kernels are ready {who}; only a first start takes that long"
 
 
 class StatusThread:

@@ -1,11 +1,13 @@
 """Robots that learn to walk through crowds without losing track of where they are.
 
 What a user's own program needs of the package stands here and is imported when it is first asked
-for; importing the package alone only tells Gymnasium the environment's name.
+for; importing the package alone only tells Gymnasium the environment's name, and numba where to
+keep kernels if they have no place.
 """
 
 from importlib import import_module
 
+from lndrl.caches import settle
 from lndrl.registration import register_with_gymnasium
 from lndrl.version import VERSION
 
@@ -39,6 +41,7 @@ __all__ = [
     "load_scenario",
 ]
 
+settle()
 register_with_gymnasium()
 
 

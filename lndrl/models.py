@@ -13,7 +13,10 @@ from lndrl.errors import UserError
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(ge=1)]
+Count = Annotated[int, Field(ge=1, le=2**53)]
+"""A whole number that every program that reads JSON or msgpack understands."""
+Seconds = Annotated[float, Field(ge=0.001, le=86_400)]
+"""A duration: from a millisecond, the shortest that networks can be told, to a day."""
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -60,7 +63,7 @@ def _effective_value(value: Any, dumped: Any) -> Any:
 def load_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; raises UserError with file and line otherwise."""
     try:
-        text = path.read_text()
+        text = path.read_text("utf-8")
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from learner.intake.ledger import ChunkId
-from lndrl.config import RunConfig
+from lndrl.config import MOST_WORLDS_PER_ACTOR, RunConfig
 from lndrl.navigation import EpisodeRecord, Trajectory
 from lndrl.transport import ChunkHeader
 
-_MOST_WORLDS = 4096
 _MOST_CHUNKS = 2**31  # of one incarnation: at ten a second, that takes seven years
 
 
@@ -56,8 +55,9 @@ def check_chunk(
         raise ValueError(f"sequence {header.sequence} is not one of an actor that counts from 1")
     if header.steps != config.actor.horizon:
         raise ValueError(f"a chunk of this run has {config.actor.horizon} steps")
-    if header.worlds > _MOST_WORLDS:
-        raise ValueError(f"a chunk holds at most {_MOST_WORLDS} worlds, not {header.worlds}")
+    if header.worlds > MOST_WORLDS_PER_ACTOR:
+        most = MOST_WORLDS_PER_ACTOR
+        raise ValueError(f"a chunk holds at most {most} worlds, not {header.worlds}")
     action = arrays.get("action")
     if action is None or action.shape != (header.steps, header.worlds):
         raise ValueError(

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from learner.intake.accounts import Accounts
 from learner.intake.chunks import Chunk, ChunkQueue, check_chunk, memory_of
+from learner.intake.limits import chunk_too_large
 from learner.intake.roster import Roster
 from learner.run.events import EventLog
 from learner.timing import Rates
-from lndrl.config import RunConfig
+from lndrl.config import MOST_WORLDS_PER_ACTOR, RunConfig
 from lndrl.transport import PROTOCOL_VERSION, Ack, ChunkHeader, Hello, Refusal, Welcome
 from lndrl.version import VERSION
 
@@ -38,8 +39,12 @@ class Ingest:
         roster: Roster,
         events: EventLog,
         accounts: Accounts | None = None,
+        largest_message: int | None = None,
     ) -> None:
+        """``largest_message``: bytes of what the endpoint receives, if less than configured."""
         self.config = config
+        configured = config.transport.max_message_megabytes * 2**20
+        self._largest_message = largest_message or configured
         self._config_data = config.model_dump(mode="json")  # for every actor that comes
         self.run_id = run_id
         self.incarnation = incarnation
@@ -72,6 +77,11 @@ class Ingest:
             )
         if self.done:
             return Refusal("this run is finished; start another learner")
+        if too_large := chunk_too_large(self.config, hello.worlds, self._largest_message):
+            self.events.add("refused", f"actor {hello.actor_id}: {too_large}", hello.actor_id)
+            return Refusal(too_large)
+        if hello.worlds > MOST_WORLDS_PER_ACTOR:
+            return Refusal(f"an actor has at most {MOST_WORLDS_PER_ACTOR} worlds; start several")
         member = self.roster.join(
             hello.actor_id, hello.incarnation, hello.host, hello.pid, hello.worlds
         )
@@ -79,7 +89,11 @@ class Ingest:
             text = f"actor {hello.actor_id}: {self.roster.counts()[0]} actors are here already"
             self.events.add("refused", text, hello.actor_id)
             return Refusal("this learner has all the actors that it can serve; stop one of them")
-        self.events.add("join", f"actor {hello.actor_id} on {member.host}", sender=hello.actor_id)
+        again = member.kernels[1] > 0 or hello.kernels_needed > 0
+        member.kernels = (hello.kernels_ready, hello.kernels_needed)
+        if not again:
+            text = f"actor {hello.actor_id} on {member.host}"
+            self.events.add("join", text, sender=hello.actor_id)
         return Welcome(
             run_id=self.run_id,
             config=self._config_data,

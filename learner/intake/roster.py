@@ -12,13 +12,13 @@ from typing import Any
 from learner.intake.ledger import ChunkId
 from learner.intake.sequences import Sequences
 from learner.timing import Rates
+from lndrl.config import MOST_ACTORS
 from lndrl.transport.status import ACTOR_ACTIVITIES, shares_of
 
 _SLOW_AFTER = 5.0  # s without an acknowledged chunk beyond the actor's own rhythm
 _RHYTHM = 8  # chunks that tell the rhythm
 _SLACK = 60.0  # s of activity that a chunk may report beyond the time since the one before
 _TIMINGS = 4096  # chunks whose timing is remembered, of each actor
-_MEMBERS = 2048
 _REMEMBERED = 600.0  # s that somebody who left without delivering anything stays in the table
 _LONGEST_HOST = 64  # letters
 _LIVES = 8  # incarnations of one actor whose sequences are remembered
@@ -42,6 +42,7 @@ class Member:
     left: float = field(default_factory=lambda: time.monotonic())  # where it is gone
     last_ack: float | None = None  # monotonic s
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_RHYTHM))  # s
+    kernels: tuple[int, int] = (0, 0)  # that it has, of those that it needs; while it compiles
     late: int = 0  # chunks that came since it vanished
     version: int = 0
     steps: int = 0
@@ -74,7 +75,7 @@ class Member:
         # A chunk may still be on its way from an actor that was taken away.
         self.retired = self.retired and self.incarnation == incarnation
         if self.incarnation != incarnation:
-            self.incarnation, self.alive = incarnation, True
+            self.incarnation, self.alive, self.kernels = incarnation, True, (0, 0)
 
     def state(self, now: float) -> str:
         """active, slow or gone at ``now`` (monotonic s)."""
@@ -102,6 +103,7 @@ class Member:
         if self.last_ack is not None and self.alive:
             self.intervals.append(now - self.last_ack)
         self.last_ack = now
+        self.kernels = (0, 0)
         if not self.alive:
             # What was on its way when an actor froze or died does not bring it back to life.
             self.late += 1
@@ -122,7 +124,7 @@ class Roster:
     actors, one that is gone or never delivered anything.
     """
 
-    def __init__(self, most: int = _MEMBERS) -> None:
+    def __init__(self, most: int = MOST_ACTORS) -> None:
         self._most = most
         self._members: dict[str, Member] = {}
         self._next_index = 0
@@ -237,6 +239,8 @@ class Roster:
                     "worlds": member.worlds,
                     "state": member.state(now),
                     "last_ack_age": age,
+                    "kernels_ready": member.kernels[0],
+                    "kernels_needed": member.kernels[1],
                     "lag": max(0, weights_version - member.version),
                     "steps": member.steps,
                     "rate": member.rates.rate(60.0) if member.alive else 0.0,

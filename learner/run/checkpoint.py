@@ -210,7 +210,7 @@ def _digest_of(state: dict[str, Any]) -> str:
 
 
 def _state(path: Path) -> dict[str, Any]:
-    state = json.loads((path / STATE_FILE).read_text())
+    state = json.loads((path / STATE_FILE).read_text("utf-8"))
     if not isinstance(state, dict):
         raise ValueError(f"{STATE_FILE} holds no map")
     # Checkpoints of before there was a digest have none.

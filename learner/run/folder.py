@@ -42,9 +42,9 @@ class RunFolder:
         try:
             path.mkdir(parents=True)
             (path / "checkpoints").mkdir()
-            (path / "config.yaml").write_text(config.to_yaml())
+            (path / "config.yaml").write_text(config.to_yaml(), encoding="utf-8")
             identity = {"run_id": run_id, "version": VERSION}
-            (path / "run.json").write_text(json.dumps(identity) + "\n")
+            (path / "run.json").write_text(json.dumps(identity) + "\n", encoding="utf-8")
         except FileExistsError:
             raise UserError(f"{path} exists already; use --resume or another --run") from None
         except OSError as error:
@@ -55,13 +55,13 @@ class RunFolder:
     def open(cls, path: Path, config: RunConfig) -> RunFolder:
         """Take up an existing run and note the configuration it goes on with."""
         try:
-            run_id = str(json.loads((path / "run.json").read_text())["run_id"])
+            run_id = str(json.loads((path / "run.json").read_text("utf-8"))["run_id"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path}: is no run folder of lndrl ({error})") from None
         kept, text = path / "config.yaml", config.to_yaml()
         try:
             # A disk without room does not keep a run from going on as it was.
-            if not kept.exists() or kept.read_text() != text:
+            if not kept.exists() or kept.read_text("utf-8") != text:
                 write_whole(kept, text)
         except OSError as error:
             raise UserError(f"{kept}: cannot be written ({error.strerror})") from None
@@ -76,7 +76,7 @@ def write_whole(path: Path, text: str) -> None:
     """Write a file whole or not at all; raises OSError."""
     temporary = path.with_name(f".{path.name}.partial")
     try:
-        temporary.write_text(text)
+        temporary.write_text(text, encoding="utf-8")
         temporary.replace(path)
     except OSError:
         with suppress(OSError):

@@ -150,7 +150,7 @@ def quiet_tensorboard() -> None:
 def _cut(path: Path, updates: int) -> None:
     """Cut a file of rows after the last one up to ``updates``; needs no room on the disk."""
     if not updates or not path.exists():
-        path.write_text("")
+        path.write_text("", encoding="utf-8")
         return
     with path.open("rb+") as file:
         # From the end: there may be days of rows before the one that is looked for.

@@ -59,7 +59,7 @@ def measure(seconds: float) -> dict[str, Any]:
         certificates = Path(place) / "certs"
         create(certificates, [])
         patience = Path(place) / "patience.json5"
-        patience.write_text(json.dumps(_WAITING))
+        patience.write_text(json.dumps(_WAITING), encoding="utf-8")
         waits = ["--zenoh", str(patience)]
         runs = []
         for name, scheme, more in (
@@ -145,7 +145,9 @@ class Paused:
 
     def lost(self) -> int:
         """How often the learner saw an actor leave so far."""
-        events = (self._training.folder / "events.log").read_text(errors="replace")
+        events = (self._training.folder / "events.log").read_text(
+            errors="replace", encoding="utf-8"
+        )
         return events.count(" leave ")
 
 

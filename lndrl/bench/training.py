@@ -101,7 +101,7 @@ def span(rows: Rows) -> float:
 
 def _children(pid: int) -> list[int]:
     try:
-        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text("utf-8")
     except OSError:
         return []
     return [int(child) for child in text.split()]
@@ -109,7 +109,7 @@ def _children(pid: int) -> list[int]:
 
 def _resident(pid: int) -> float:
     try:
-        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        for line in Path(f"/proc/{pid}/status").read_text("utf-8").splitlines():
             if line.startswith("VmRSS:"):
                 return float(line.split()[1]) / 1024.0
     except OSError:

@@ -271,7 +271,7 @@ class Injector:
         if not folder.is_dir():
             return False
         folder.rename(_aside(folder))
-        folder.write_text("")
+        folder.write_text("", encoding="utf-8")
         return True
 
     def _end_read_only(self, fault: Fault | None) -> None:

@@ -108,7 +108,7 @@ def make_samples(folder: Path) -> list[Sample]:
     folder.mkdir(parents=True, exist_ok=True)
     samples = [_configuration(folder), *_maps(folder), *_checkpoint(folder)]
     for path in sorted((REPOSITORY_CONFIGS / "scenarios").glob("*.yaml")):
-        if "kind: map" not in path.read_text():
+        if "kind: map" not in path.read_text("utf-8"):
             copy = folder / f"scenario-{path.name}"
             shutil.copyfile(path, copy)
             samples.append(Sample("scenario", copy, _loading(load_scenario, str(copy))))
@@ -123,7 +123,7 @@ def _loading(load: Callable[[Any], Any], argument: Any) -> Callable[[], Any]:
 
 def _configuration(folder: Path) -> Sample:
     path = folder / "config.yaml"
-    path.write_text(load_config(REPOSITORY_CONFIGS / "lndrl.yaml").to_yaml())
+    path.write_text(load_config(REPOSITORY_CONFIGS / "lndrl.yaml").to_yaml(), encoding="utf-8")
     return Sample("configuration", path, _loading(load_config, path))
 
 
@@ -139,7 +139,8 @@ def _maps(folder: Path) -> list[Sample]:
         path = folder / f"map-{kind}.yaml"
         path.write_text(
             f"image: {image.name}\nresolution: 0.1\norigin: [-1.0, 2.0, {yaw}]\nnegate: 0\n"
-            f"occupied_thresh: 0.65\nfree_thresh: 0.196\nmode: {mode}\n"
+            f"occupied_thresh: 0.65\nfree_thresh: 0.196\nmode: {mode}\n",
+            encoding="utf-8",
         )
         load = _loading(load_ros_map, path)
         samples += [Sample("map", path, load), Sample("map image", image, load)]

@@ -213,7 +213,7 @@ def _step_back() -> None:
         os.nice(LOWEST)
     # Where the kernel shares cores among sessions first, a nice process alone would gain nothing.
     with suppress(OSError):
-        Path("/proc/self/autogroup").write_text(str(LOWEST))
+        Path("/proc/self/autogroup").write_text(str(LOWEST), encoding="utf-8")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -268,7 +268,7 @@ def lines_of(*paths: Path) -> Iterator[str]:
     """The lines of files, of those that exist, in the order given."""
     for path in paths:
         if path.exists():
-            with path.open(errors="replace") as file:
+            with path.open(errors="replace", encoding="utf-8") as file:
                 yield from file
 
 

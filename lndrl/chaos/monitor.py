@@ -207,7 +207,7 @@ class StatusWatch:
 def cpu_seconds(pid: int) -> float | None:
     """CPU time that a process has taken so far, in s; None when it is gone."""
     try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        fields = Path(f"/proc/{pid}/stat").read_text("utf-8").rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
     except (OSError, IndexError, ValueError):
         return None
@@ -216,7 +216,7 @@ def cpu_seconds(pid: int) -> float | None:
 def resources(pid: int) -> tuple[int, int] | None:
     """Resident bytes and open file handles of a process; None when it is gone."""
     try:
-        pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+        pages = int(Path(f"/proc/{pid}/statm").read_text("utf-8").split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE"), len(os.listdir(f"/proc/{pid}/fd"))
     except (OSError, IndexError, ValueError):
         return None

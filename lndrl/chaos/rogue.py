@@ -171,7 +171,7 @@ def _watch(stop: threading.Event, parent: int, endpoint: RogueEndpoint, counts: 
 
 
 def _write(path: Path, endpoint: RogueEndpoint) -> None:
-    path.write_text(json.dumps(dict(endpoint.counts)))
+    path.write_text(json.dumps(dict(endpoint.counts)), encoding="utf-8")
 
 
 if __name__ == "__main__":

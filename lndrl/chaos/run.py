@@ -176,7 +176,7 @@ def _misbehaved(folder: Path) -> dict[str, int]:
     counts: Counter[str] = Counter()
     for path in folder.glob("*.counts.json"):
         try:
-            counts.update(json.loads(path.read_text()))
+            counts.update(json.loads(path.read_text("utf-8")))
         except ValueError:
             continue  # it was killed while it wrote
     return dict(counts)
@@ -184,4 +184,4 @@ def _misbehaved(folder: Path) -> dict[str, int]:
 
 def _events(stage: Stage) -> str:
     path = stage.run_folder() / "events.log"
-    return path.read_text(errors="replace") if path.exists() else ""
+    return path.read_text(errors="replace", encoding="utf-8") if path.exists() else ""

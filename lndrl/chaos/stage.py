@@ -102,7 +102,11 @@ class Child:
 
     def log(self) -> str:
         """All that it said so far."""
-        return self.log_path.read_text(errors="replace") if self.log_path.exists() else ""
+        return (
+            self.log_path.read_text(errors="replace", encoding="utf-8")
+            if self.log_path.exists()
+            else ""
+        )
 
     def tail(self, letters: int = 1500) -> str:
         """The end of the log."""
@@ -128,7 +132,7 @@ class Stage:
         self.proxies: list[Proxy] = []
         self._config = config or CONFIG
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "chaos.yaml").write_text(yaml.safe_dump(self._config))
+        (folder / "chaos.yaml").write_text(yaml.safe_dump(self._config), encoding="utf-8")
         self.port = free_port()
         self.endpoint = f"tcp/127.0.0.1:{self.port}"
         self.learner = self._learner(RUN, self.endpoint)
@@ -259,7 +263,7 @@ def wait_for(
 def descendants(pid: int) -> list[int]:
     """Process ids of all that a process started, directly or not."""
     try:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text("utf-8").split()
     except OSError:
         return []
     found = [int(child) for child in children]
@@ -269,7 +273,7 @@ def descendants(pid: int) -> list[int]:
 def lives(pid: int) -> bool:
     """Whether a process exists and is no zombie."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text("utf-8").rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
 

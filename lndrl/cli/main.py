@@ -6,6 +6,7 @@ Exit codes: 0 done, 1 the work failed, 2 the input must be mended (one sentence 
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
@@ -134,6 +135,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Entry point of the console script."""
+    _replace_what_cannot_be_written()
     received: list[int] = []
 
     def terminate(number: int, frame: object) -> None:
@@ -147,6 +149,16 @@ def main() -> None:
     os.environ["PYTHONSAFEPATH"] = "1"
     code = run(sys.argv[1:])
     sys.exit(128 + received[0] if received and code == 128 + signal.SIGINT else code)
+
+
+def _replace_what_cannot_be_written() -> None:
+    """Let characters that the terminal's encoding lacks become question marks, not a traceback.
+
+    Half bytes of a file's name, which no encoding has, too.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _spread_settings(arguments: Sequence[str]) -> Iterator[str]:

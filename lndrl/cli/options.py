@@ -110,6 +110,11 @@ def check_endpoint(endpoint: str, option: str) -> str:
     """``endpoint`` if it reads like tcp/HOST:PORT or tls/HOST:PORT; raises UserError otherwise."""
     scheme, slash, address = endpoint.partition("/")
     example = "write it like tcp/127.0.0.1:7447"
+    if scheme == "unixsock-stream" or set(address) & set("?#"):
+        raise UserError(
+            f"{option} {endpoint}: is tcp/HOST:PORT or tls/HOST:PORT here; a socket file or"
+            " #iface= goes into the endpoints of a file for --zenoh"
+        )
     if not slash or scheme not in _SCHEMES or not address:
         raise UserError(f"{option} {endpoint}: not an endpoint; {example}")
     host, colon, port = address.rpartition(":")

@@ -6,6 +6,8 @@ Every number of the paper stands here once, as a default with its source, or in 
 
 from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
 from lndrl.config.learning import (
+    MOST_ACTORS,
+    MOST_WORLDS_PER_ACTOR,
     ActorConfig,
     LearnerConfig,
     NetworkConfig,
@@ -27,6 +29,8 @@ from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
 __all__ = [
     "DEFAULTS",
     "FIXED_ACTORS",
+    "MOST_ACTORS",
+    "MOST_WORLDS_PER_ACTOR",
     "REPOSITORY_CONFIGS",
     "SOURCES",
     "ActorConfig",

@@ -8,11 +8,17 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from lndrl.extensions import PartName, PartSettings
-from lndrl.models import LATER, Count, Model, NonNegative, Positive, Probability
+from lndrl.models import LATER, Count, Model, NonNegative, Positive, Probability, Seconds
 
 BUILT_IN = "lndrl"
 SCAN_ENCODERS = (BUILT_IN, "fan")
 """Built-in scan encoders; the built-in network and map encoder are called BUILT_IN alone."""
+
+MOST_WORLDS_PER_ACTOR = 4096
+"""A learner takes no chunk of more."""
+MOST_ACTORS = 2048
+"""A learner remembers no more."""
+Threads = Annotated[int, Field(ge=0, le=4096)]
 
 
 class NetworkConfig(Model):
@@ -132,11 +138,11 @@ class LearnerConfig(Model):
         description="lockstep: actors wait for the weights before the newest, and a run repeats; "
         "async: they go on with what they have",
     )
-    max_lag: Annotated[int, Field(ge=0)] = Field(
+    max_lag: Annotated[int, Field(ge=0, le=2**53)] = Field(
         8, description="weight versions; samples that are older are dropped"
     )
     total_steps: Count = Field(1_200_000, description="environment steps (PAPER)")
-    threads: Annotated[int, Field(ge=0)] = Field(0, description="torch threads, 0: all cores")
+    threads: Threads = Field(0, description="torch threads, 0: all cores")
     device: str = Field("cpu", description="cpu, cuda, cuda:N, or auto: a GPU where there is one")
     precision: Literal["auto", "float32", "bfloat16"] = Field(
         "auto",
@@ -160,31 +166,35 @@ class LearnerConfig(Model):
         return device
 
 
-def _count_or_auto(value: Any) -> Any:
-    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 1
-    if value != "auto" and not whole:
-        raise ValueError(f"{value!r} must be auto or a whole number, at least 1")
-    return value
+def _auto_or_up_to(most: int) -> BeforeValidator:
+    def check(value: Any) -> Any:
+        whole = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most
+        if value != "auto" and not whole:
+            raise ValueError(f"{value!r} must be auto or a whole number from 1 to {most}")
+        return value
+
+    return BeforeValidator(check)
 
 
-CountOrAuto = Annotated[int | Literal["auto"], BeforeValidator(_count_or_auto)]
+ActorsOrAuto = Annotated[int | Literal["auto"], _auto_or_up_to(MOST_ACTORS)]
+WorldsOrAuto = Annotated[int | Literal["auto"], _auto_or_up_to(MOST_WORLDS_PER_ACTOR)]
 
 
 class ActorConfig(Model):
     """The actor service."""
 
-    count: CountOrAuto = Field(
+    count: ActorsOrAuto = Field(
         "auto",
         description="processes that lndrl train starts; auto: as the machine and the learner's "
         "waiting say, but 2 where a run must repeat on every machine (--serial, lockstep)",
     )
-    worlds: CountOrAuto = Field(
+    worlds: WorldsOrAuto = Field(
         "auto",
         description="worlds per process; auto: as many as keep chunks small beside a batch, see "
         "RunConfig.worlds_per_actor",
     )
     horizon: Count = Field(64, description="steps per chunk")
-    threads: Count = Field(1, description="torch threads per actor")
+    threads: Threads = Field(1, ge=1, description="torch threads per actor")
     precision: Literal["float32", "bfloat16"] = Field(
         "float32", description="of the policy's products; bfloat16 pays where there is hardware"
     )
@@ -201,10 +211,14 @@ class TransportConfig(Model):
         False, description="endpoint is a zenoh router that the learner joins instead of listening"
     )
     namespace: str = Field("", description="before every key, so that runs can share a router")
-    upload_timeout: Positive = Field(20.0, description="s until an upload is sent again")
-    upload_window: Count = Field(2, description="uploads in flight per actor")
-    lease: Positive = Field(3.0, description="s until a silent peer counts as gone")
-    max_message_megabytes: Count = Field(256, description="2^20 bytes that a message has at most")
+    upload_timeout: Seconds = Field(20.0, description="s until an upload is sent again")
+    upload_window: Annotated[int, Field(ge=1, le=16)] = Field(
+        2, description="uploads in flight per actor; a learner tells apart 16 that overtake"
+    )
+    lease: Seconds = Field(3.0, description="s until a silent peer counts as gone")
+    max_message_megabytes: Annotated[int, Field(ge=1, le=512)] = Field(
+        256, description="MiB that a chunk or the weights may have; what is larger is not received"
+    )
 
     @field_validator("namespace")
     @classmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,6 +29,8 @@ from lndrl.scenario import Scenario
 
 FIXED_ACTORS = 2
 """What ``actor.count: auto`` means where a run must repeat on every machine."""
+MOST_STEPS = 1_000_000
+"""Of an episode: every world keeps its whole path, 32 bytes a step."""
 MOST_WORLDS = 32
 """Rows of one inference beyond which a sample hardly gets cheaper on one core."""
 
@@ -35,7 +38,7 @@ MOST_WORLDS = 32
 class RunConfig(Model):
     """Everything that decides a run; the learner hands it to the actors."""
 
-    seed: Annotated[int, Field(ge=0)] = Field(
+    seed: Annotated[int, Field(ge=0, le=2**53)] = Field(
         1, description="of every random draw: worlds, episodes, first weights, minibatches"
     )
     scenario: Scenario = Field(description="the place to train in: its name, a YAML file, or keys")
@@ -63,6 +66,21 @@ class RunConfig(Model):
                 "the paper's reads one scan"
             )
         return self
+
+    @model_validator(mode="after")
+    def _episodes_fit_into_memory(self) -> RunConfig:
+        if self.steps_limit > MOST_STEPS:
+            raise ValueError(
+                f"task.time_limit {self.task.time_limit:g} s has {self.steps_limit:,} control steps"
+                f" of {self.world.ticks_per_step} x {self.world.tick:g} s; at most {MOST_STEPS:,}"
+            )
+        return self
+
+    @property
+    def steps_limit(self) -> int:
+        """Control steps until an episode is truncated (parameters §4.6), at least 1."""
+        step = self.world.tick * self.world.ticks_per_step
+        return max(1, math.ceil(self.task.time_limit / step - 1e-9))
 
     def to_yaml(self) -> str:
         """The resolved configuration as YAML; ``load_config`` reads it back equal."""

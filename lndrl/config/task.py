@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from lndrl.extensions import PartName, PartSettings
-from lndrl.models import LATER, Count, Model, Positive
+from lndrl.models import LATER, Count, Model, Positive, Seconds
 
 _TERM_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MOST_TERMS = 16
@@ -71,7 +71,7 @@ class TaskConfig(Model):
     lost_angle: Positive = Field(
         0.7853981633974483, description="rad, truth to estimate: lost; pi/4 (PAPER)"
     )
-    time_limit: Positive = Field(60.0, description="s, then an episode is truncated (GROUP)")
+    time_limit: Seconds = Field(60.0, description="s, then an episode is truncated (GROUP)")
     scan_frames: Annotated[int, Field(ge=1, le=8)] = Field(
         1, description="scans of consecutive control steps that are seen together (Fan et al. 2020)"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from lndrl.models import Count, Model, NonNegative, Positive, Probability
+from lndrl.models import Count, Model, NonNegative, Positive, Probability, Seconds
 
 
 class LaserConfig(Model):
@@ -36,8 +36,8 @@ class CrowdConfig(Model):
         0.5, description="m within which ORCA minds others: a last-moment push (GROUP)"
     )
     orca_max_neighbors: Count = Field(10, description="nearest others that ORCA minds (GROUP)")
-    orca_time_horizon: Positive = Field(5.0, description="s ahead, collisions with others (GROUP)")
-    orca_time_horizon_obstacle: Positive = Field(
+    orca_time_horizon: Seconds = Field(5.0, description="s ahead, collisions with others (GROUP)")
+    orca_time_horizon_obstacle: Seconds = Field(
         5.0, description="s ahead, collisions with walls (GROUP)"
     )
     orca_radius: Positive = Field(0.5, description="m, of the disc that others avoid (GROUP)")
@@ -78,7 +78,7 @@ class CrowdConfig(Model):
     waypoint_radius: Positive = Field(
         0.2, description="m within which a waypoint is reached (GROUP)"
     )
-    model_period: Positive = Field(
+    model_period: Seconds = Field(
         0.4,
         description="s, step of the GROUP's crowd: ORCA resolves overlaps and SFM relaxes in it",
     )
@@ -87,7 +87,7 @@ class CrowdConfig(Model):
 class WorldConfig(Model):
     """The true world: clock, robot, sensors, crowd."""
 
-    tick: Positive = Field(0.1, description="s between sensor and localization updates (10 Hz)")
+    tick: Seconds = Field(0.1, description="s between sensor and localization updates (10 Hz)")
     ticks_per_step: Count = Field(4, description="ticks per control step: 0.4 s (GROUP)")
     robot_radius: Positive = Field(0.17, description="m, of the robot's disc (GROUP)")
     odometry_deviation: NonNegative = Field(

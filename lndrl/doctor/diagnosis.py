@@ -189,7 +189,7 @@ def _connect(address: Address, target: Target) -> ZenohSession:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
-        "transport/shared_memory/transport_optimization/enabled": False,
+        "transport/shared_memory/enabled": False,
         **settings(security),
     }
     if target.namespace is not None:

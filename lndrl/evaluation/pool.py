@@ -15,13 +15,14 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
+from lndrl import kernels
 from lndrl.errors import UserError
 from lndrl.extensions import trust_modules, trusted_modules
 
 Work = Callable[[Any], Iterable[Any]]
 """What a worker does with one task: yields results."""
 
-_RESULT, _FINISHED, _USER_ERROR = range(3)
+_RESULT, _FINISHED, _USER_ERROR, _COMPILING = range(4)
 _JOIN_SECONDS = 2.0
 
 
@@ -86,11 +87,12 @@ def _serve(
     trust_modules(*trusted)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
-            work = make_work(*arguments)
-            while True:
-                for result in work(connection.recv()):
-                    connection.send((_RESULT, result))
-                connection.send((_FINISHED, None))
+            with kernels.told(lambda *progress: connection.send((_COMPILING, progress))):
+                work = make_work(*arguments)
+                while True:
+                    for result in work(connection.recv()):
+                        connection.send((_RESULT, result))
+                    connection.send((_FINISHED, None))
         except UserError as error:
             connection.send((_USER_ERROR, str(error)))
 
@@ -110,6 +112,8 @@ def _collect(processes: dict[Connection, SpawnProcess], tasks: Iterator[Any]) ->
                 raise UserError(value)
             if kind == _RESULT:
                 yield value
+            elif kind == _COMPILING:
+                kernels.tell(*value)
             else:
                 busy.discard(ready)
                 _hand_out(ready, tasks, busy, processes)

@@ -96,7 +96,7 @@ def _actions(value: object) -> Actions:
 def load_result(path: Path) -> EvaluationResult:
     """Read the JSON of one ``lndrl evaluate --json``; raises UserError naming the file."""
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
     except (OSError, ValueError) as error:

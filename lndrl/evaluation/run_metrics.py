@@ -16,7 +16,7 @@ def read_metrics(path: Path | str) -> list[dict[str, Any]]:
     """
     path = Path(path)
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text("utf-8").splitlines()
     except FileNotFoundError:
         raise UserError(f"{path}: no such file; a run writes it after its first update") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import RunConfig, TaskConfig, WorldConfig
+from lndrl.config import RunConfig
 from lndrl.localization import LikelihoodMap, amcl_beam_stride
-from lndrl.localization.belief import make_beliefs, make_field, make_scratch, make_settings
+from lndrl.localization.belief import (
+    make_beliefs,
+    make_field,
+    make_scratch,
+    make_settings,
+    room_for,
+)
 from lndrl.localization.bins import make_bins
 from lndrl.localization.resampling import kld_limits
+from lndrl.localization.update import reset_belief
+from lndrl.maps.paths import leg_room
+from lndrl.maps.raycast import sample_field
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.reward import reward_weights
 from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
 from lndrl.navigation.terms import own_terms
 from lndrl.navigation.track import RUNNING, make_tracks
+from lndrl.randomness import uniform
 from lndrl.world import Place, WorldBatch, beam_bearings
+from lndrl.world.pedestrians import place_legs
+from lndrl.world.place import draw_free
+from lndrl.world.placement import place_people
+from lndrl.world.social_force import relaxation
 
-
-def steps_limit(world: WorldConfig, task: TaskConfig) -> int:
-    """Control steps until an episode is truncated (parameters §4.6), at least 1."""
-    return max(1, math.ceil(task.time_limit / (world.tick * world.ticks_per_step) - 1e-9))
+KERNELS = (
+    draw_free, leg_room, sample_field, uniform, relaxation, room_for,
+    place_people, place_legs, reset_belief, drive_worlds, judge_worlds,
+)  # fmt: skip
+"""What places and worlds call from Python, as they do; all the rest is called by these."""
 
 
 class NavigationBatch:
@@ -54,7 +68,7 @@ class NavigationBatch:
         self.world = WorldBatch(place, config.world, worlds)
         self.beliefs = make_beliefs(worlds, localization)
         delay = 0 if self.perfect else localization.delay
-        limit = steps_limit(config.world, config.task)
+        limit = config.steps_limit
         self.tracks = make_tracks(worlds, laser.beams, limit, delay)
         stride = amcl_beam_stride(laser, config.localization)
         bearings = beam_bearings(laser)[::stride].astype(np.float32)
@@ -166,7 +180,7 @@ def _task(config: RunConfig) -> Task:
     task = config.task
     return Task(
         ticks=int(config.world.ticks_per_step),
-        steps_limit=steps_limit(config.world, task),
+        steps_limit=config.steps_limit,
         scan_scale=SCAN_COUNTS / float(config.world.laser.range_max),
         map_extent=float(task.map_extent),
         variance_limit=float(task.variance_limit),

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.kernels import expect
 from lndrl.localization import AMCL, LikelihoodMap, PerfectLocalization
 from lndrl.localization.belief import belief_of
-from lndrl.navigation.batch import NavigationBatch
+from lndrl.navigation.batch import KERNELS, NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
 from lndrl.navigation.observation import Observation, dequantise
 from lndrl.navigation.reward import REWARD_PARTS
@@ -34,6 +35,7 @@ def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, Likel
 
     Raises UserError for an impossible scenario.
     """
+    expect(*KERNELS)
     place = Place.build(
         config.scenario, config.world.robot_radius, layout, config.task.arrive_distance
     )

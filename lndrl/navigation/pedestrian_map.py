@@ -66,7 +66,8 @@ def _paint_many(pedestrians, count, cells, extent, radius, out):
 
 
 @njit(cache=True, nogil=True)
-def _collect_many(pedestrians, count, cells, extent, radius, offsets, cell, velocity):
+def collect_many(pedestrians, count, cells, extent, radius, offsets, cell, velocity):
+    """See ``pedestrian_cells``, which makes room for what is written here; returns how much is."""
     found = np.empty(cells * cells, np.int32)
     place = np.full(cells * cells, -1, np.int64)  # where in the list a cell stands
     total = 0
@@ -142,7 +143,7 @@ def pedestrian_cells(
     offsets = np.zeros(len(pedestrians) + 1, np.int64)
     cell = np.empty(capacity, np.int32)
     velocity = np.empty((capacity, 2), np.float32)
-    total = _collect_many(
+    total = collect_many(
         np.ascontiguousarray(pedestrians),
         np.ascontiguousarray(count),
         cells,

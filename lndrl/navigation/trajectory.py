@@ -44,6 +44,32 @@ SCHEMA: dict[str, tuple[str, tuple[str | int, ...]]] = {
 }
 
 
+_EPISODES = 4
+"""Episodes that end in a chunk per world, at most as a rule; records travel in the header."""
+_RECORD = 512  # bytes of one, at most
+_HEADER = 2**14  # bytes of all else that stands beside the arrays
+
+
+def most_bytes(config: RunConfig, worlds: int) -> int:
+    """Bytes that a chunk of ``worlds`` worlds takes on the wire when people crowd everywhere."""
+    steps, people = config.actor.horizon, config.task.max_pedestrians
+    finals = worlds * (2 + (steps - 1) // config.steps_limit)
+    sizes = {
+        "T": steps,
+        "B": worlds,
+        "beams": config.task.scan_frames * config.world.laser.beams,
+        "M": steps * worlds * people,
+        "F": finals,
+        "G": finals * people,
+    }
+    arrays = sum(
+        np.dtype(dtype).itemsize
+        * math.prod(axis if isinstance(axis, int) else sizes[axis] for axis in axes)
+        for dtype, axes in SCHEMA.values()
+    )
+    return arrays + worlds * _EPISODES * _RECORD + _HEADER
+
+
 def final_indices(
     terminated: NDArray[np.bool_] | NDArray[np.uint8],
     truncated: NDArray[np.bool_] | NDArray[np.uint8],

@@ -7,7 +7,10 @@ import torch
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.kernels import expect
 from lndrl.navigation import Observation
+from lndrl.navigation.pedestrian_map import collect_many
+from lndrl.policy import scan, sparse, structure
 from lndrl.policy.acting import DevicePolicy
 from lndrl.policy.device import resolve_device
 from lndrl.policy.inputs import prepare, supports_sparse
@@ -33,6 +36,8 @@ class PolicyRunner:
         if self.device.type != "cpu":
             precision = torch.bfloat16 if bfloat16 else torch.float32
             self._remote = DevicePolicy(self.network, config, precision)
+        elif supports_sparse(config):
+            expect(collect_many, *structure.KERNELS, *sparse.KERNELS, *scan.KERNELS)
         self._freeze()
 
     def load(self, blob: bytes) -> None:

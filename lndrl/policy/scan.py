@@ -199,3 +199,7 @@ def scan_convolutions(
 ) -> Tensor:
     """Both convolutions of the scan encoder; see ScanConvolutions."""
     return ScanConvolutions.apply(scan, weight1, bias1, weight2, bias2, strides)
+
+
+KERNELS = (_windows, _relu_by_channel)
+"""What acting calls from Python."""

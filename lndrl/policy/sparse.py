@@ -235,3 +235,7 @@ def train_cell_linear(
 ) -> Tensor:
     """The last linear layer with gradients; see CellProduct."""
     return CellProduct.apply(rows, empty, weight, bias, s)
+
+
+KERNELS = (_sum_and_pool, _add_rows)
+"""What acting calls from Python."""

@@ -219,3 +219,7 @@ def _by_cell(blocks, ends, cells):
             place[cell] += 1
             b += 1
     return order, starts, sample
+
+
+KERNELS = (_in_stand_in, _level, _by_cell)
+"""What acting calls from Python."""

@@ -16,6 +16,7 @@ from lndrl.transport.interface import (
 )
 from lndrl.transport.memory import MemoryNetwork
 from lndrl.transport.messages import (
+    DEFAULT_LIMITS,
     NO_WEIGHTS,
     PROTOCOL_VERSION,
     UNKNOWN_ACTOR,
@@ -25,6 +26,7 @@ from lndrl.transport.messages import (
     Limits,
     MessageError,
     Refusal,
+    TooLargeError,
     WeightsAnnouncement,
     Welcome,
     pack,
@@ -33,6 +35,7 @@ from lndrl.transport.messages import (
 from lndrl.transport.security.identity import Security
 
 __all__ = [
+    "DEFAULT_LIMITS",
     "NO_WEIGHTS",
     "PROTOCOL_VERSION",
     "UNKNOWN_ACTOR",
@@ -48,6 +51,7 @@ __all__ = [
     "MessageError",
     "Refusal",
     "Security",
+    "TooLargeError",
     "ViewerEndpoint",
     "WeightsAnnouncement",
     "WeightsGoneError",

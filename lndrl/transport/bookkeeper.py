@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from lndrl.transport.ledger import Entry, Ledger
-from lndrl.transport.messages import Ack, ChunkHeader, encode
+from lndrl.transport.messages import Ack, ChunkHeader, encode_chunk
 
 
 class Bookkeeper:
@@ -50,9 +50,14 @@ class Bookkeeper:
         """Wait for other weights than ``version``; with one thread use timeout 0."""
         return self.ledger.wait_newer(version, timeout)
 
-    def _written(self, header: ChunkHeader, arrays: Mapping[str, NDArray[Any]]) -> Entry:
-        """The chunk as it goes into the book; raises when this actor may not upload."""
+    def _written(
+        self, header: ChunkHeader, arrays: Mapping[str, NDArray[Any]], megabytes: int
+    ) -> Entry:
+        """The chunk as it goes into the book; raises when this actor may not upload, or so much.
+
+        ``megabytes`` (MiB) is what the learner's configuration allows.
+        """
         self.ledger.check_ready()
         samples = header.steps * header.worlds
-        payload = encode(header, arrays)
+        payload = encode_chunk(header, arrays, megabytes)
         return Entry(header.actor_id, header.incarnation, header.sequence, payload, samples)

@@ -52,6 +52,8 @@ class LearnerEndpoint(Protocol):
     """The learner's side."""
 
     incarnation: str
+    largest_message: int
+    """Bytes of what is received; larger messages vanish or are refused."""
 
     def start(self, handlers: LearnerHandlers) -> None:
         """Begin to answer."""
@@ -81,7 +83,14 @@ class ActorEndpoint(Protocol):
         """Introduce the actor; again when ``needs_hello`` says so, kept chunks follow.
 
         Raises UserError when refused, its subclass LearnerUnreachableError when no learner
-        answers within ``timeout`` seconds.
+        answers within ``timeout`` seconds, or at once where its host name is unknown.
+        """
+        ...
+
+    def tell(self, hello: Hello) -> None:
+        """Say hello again without heeding an answer: what is new about this actor.
+
+        Never raises, and returns at once.
         """
         ...
 
@@ -94,7 +103,8 @@ class ActorEndpoint(Protocol):
         """Send a chunk; blocks while the window is full, but not while ``needs_hello``.
 
         The chunk is kept and sent again, under the same sequence, until a learner settles it.
-        Raises MessageError for what cannot be sent, RuntimeError when closed or without hello,
+        Raises MessageError for what cannot be sent, its subclass TooLargeError (a UserError) for
+        what the learner would not receive, RuntimeError when closed or without hello,
         and TimeoutError when there was no room within ``timeout`` seconds: then the chunk was
         not taken, call again.
         """
@@ -109,7 +119,7 @@ class ActorEndpoint(Protocol):
         ...
 
     def adopt(self, config: TransportConfig) -> None:
-        """Take over what the run's configuration says of the patience with uploads."""
+        """Take over what the run's configuration says of uploads: patience, window, size."""
         ...
 
     def acks(self) -> list[Ack]:
@@ -147,7 +157,8 @@ class ActorEndpoint(Protocol):
     def fetch(self, version: int | None = None, timeout: float = 10.0) -> tuple[int, bytes]:
         """Weights as (version, blob), the newest by default.
 
-        Raises WeightsGoneError when the version is gone, TimeoutError when none came in time.
+        Raises WeightsGoneError when the version is gone, TimeoutError when none came in time,
+        TooLargeError when this side receives no message of that size.
         """
         ...
 

@@ -94,6 +94,12 @@ class Ledger:
         self._heard_at = time.monotonic()
         self._book: Book | None = None
 
+    def widen(self, window: int) -> None:
+        """Let ``window`` uploads be unsettled from now on, or fewer than before."""
+        with self._changed:
+            self.window = window
+            self._changed.notify_all()
+
     def keep_book(self, path: Path) -> None:
         """Note every chunk in ``path`` from now on; raises UserError when that cannot be."""
         self._book = Book(path)

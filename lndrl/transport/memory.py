@@ -71,6 +71,7 @@ class MemoryLearner:
         self._network = network
         self._desk = LearnerDesk(network.limits)
         self.incarnation = self._desk.incarnation
+        self.largest_message = network.limits.max_bytes
 
     def start(self, handlers: LearnerHandlers) -> None:
         """Begin to answer; actors that are already there are reported as members."""
@@ -133,6 +134,12 @@ class MemoryActor(Bookkeeper):
         self._send()
         return answer
 
+    def tell(self, hello: Hello) -> None:
+        """Say what is new about this actor."""
+        if self._network.desk is not None:
+            with self._network.hello_lock:
+                self._network.desk.answer_hello(encode(hello))
+
     def upload(
         self,
         header: ChunkHeader,
@@ -140,7 +147,7 @@ class MemoryActor(Bookkeeper):
         timeout: float | None = None,
     ) -> None:
         """Hand a chunk to the learner's handler, on this thread."""
-        entry = self._written(header, arrays)
+        entry = self._written(header, arrays, self._network.config.max_message_megabytes)
         deadline = None if timeout is None else time.monotonic() + timeout
         while not self.ledger.has_room():
             if deadline is not None and time.monotonic() >= deadline:
@@ -152,7 +159,8 @@ class MemoryActor(Bookkeeper):
         self._send()
 
     def adopt(self, config: TransportConfig) -> None:
-        """Nothing to take over: answers come at once."""
+        """Have as many uploads unsettled as the run's configuration says."""
+        self.ledger.widen(config.upload_window)
 
     def flush(self, timeout: float) -> bool:
         """Send what waits."""

@@ -19,6 +19,7 @@ from lndrl.transport.wire import (
     DEFAULT_LIMITS,
     Limits,
     MessageError,
+    TooLargeError,
     pack,
     unpack,
 )
@@ -36,6 +37,7 @@ __all__ = [
     "Message",
     "MessageError",
     "Refusal",
+    "TooLargeError",
     "WeightsAnnouncement",
     "Welcome",
     "decode",
@@ -105,7 +107,11 @@ class Message:
 
 @dataclass(frozen=True)
 class Hello(Message):
-    """An actor introduces itself. ``incarnation`` is random for every start of the process."""
+    """An actor introduces itself. ``incarnation`` is random for every start of the process.
+
+    One that compiles kernels before it can begin says so again and again: how many of those that
+    it needs are ready.
+    """
 
     KIND: ClassVar[str] = "hello"
     actor_id: str
@@ -115,8 +121,12 @@ class Hello(Message):
     worlds: int
     program_version: str
     protocol: int = PROTOCOL_VERSION
+    kernels_ready: int = 0
+    kernels_needed: int = 0
 
     def __post_init__(self) -> None:
+        _integer("kernels_ready", self.kernels_ready)
+        _integer("kernels_needed", self.kernels_needed)
         _identifier("actor_id", self.actor_id)
         _identifier("incarnation", self.incarnation)
         _text("host", self.host)
@@ -261,6 +271,18 @@ M = TypeVar("M", bound=Message)
 def encode(message: Message, arrays: Mapping[str, NDArray[Any]] | None = None) -> bytes:
     """A message and its arrays as bytes; raises MessageError for what cannot be sent."""
     return pack({"kind": message.KIND, "body": message.to_dict()}, arrays)
+
+
+def encode_chunk(header: ChunkHeader, arrays: Mapping[str, NDArray[Any]], megabytes: int) -> bytes:
+    """An upload as bytes; raises TooLargeError beyond what the learner's configuration allows."""
+    payload = encode(header, arrays)
+    if len(payload) > megabytes * 2**20:
+        raise TooLargeError(
+            f"a chunk of {len(payload) / 2**20:.3g} MiB exceeds the {megabytes} of the learner's"
+            " transport.max_message_megabytes; use fewer worlds, a shorter actor.horizon, or raise"
+            " it"
+        )
+    return payload
 
 
 def decode(

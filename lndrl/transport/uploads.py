@@ -19,7 +19,7 @@ PER_STRANGER = 32
 """Uploads of one sender that may wait before one of them was accepted."""
 
 STRANGERS_BYTES = 512 * 2**20
-"""Of all uploads together that wait in the strangers' lane."""
+"""Of all uploads together that wait in the strangers' lane: one of the largest finds room."""
 
 REFUSING = 0.012
 """Share of a core for the thread that refuses; receiving and answering take up to twice as much."""

@@ -18,6 +18,8 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from lndrl.errors import UserError
+
 MAGIC = b"LNDRL\x00\x00\x01"
 ALIGNMENT = 64
 DTYPES = {
@@ -33,6 +35,10 @@ NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}\Z")
 
 class MessageError(ValueError):
     """Bytes or values that are not a valid message; the text says what is wrong."""
+
+
+class TooLargeError(MessageError, UserError):
+    """A message that the other side would not take in."""
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ from scipy.ndimage import label
 
 from lndrl.config import TaskConfig, WorldConfig
 from lndrl.errors import UserError
+from lndrl.kernels import expect
 from lndrl.maps.edges import RayMap, ray_map
 from lndrl.maps.embedded import unpack, with_map
 from lndrl.maps.floors import edge_note, floor_around
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
 from lndrl.maps.outlines import Outline, geometry_outlines, grid_outlines, segments
-from lndrl.maps.paths import Roadmap
+from lndrl.maps.paths import Roadmap, leg_room
 from lndrl.maps.raycast import clearance, sample_field
 from lndrl.maps.regions import centre
 from lndrl.randomness import State, stream_state, uniform
@@ -85,6 +86,7 @@ class Place:
         room, when a robot task has no connected start and goal at ``start_goal_distance`` and
         farther apart than ``arrive_distance``, and for what is wrong with a map.
         """
+        expect(draw_free, leg_room)
         radius = WorldConfig().robot_radius if robot_radius is None else robot_radius
         arrive = TaskConfig().arrive_distance if arrive_distance is None else arrive_distance
         if scenario.kind == "random":

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from actors.fleet import Fleet, run_fleet
-from lndrl.transport import Security, free_endpoint, open_learner
+from lndrl.transport import Hello, Security, free_endpoint, open_learner
 from tests.lndrl.transport.security.authority import make_certificates
 
 PATIENCE = 90.0  # s, for machines with much else to do
@@ -178,3 +178,10 @@ def test_workers_log_in_without_showing_the_password(
         fleet.stop()
     assert "wants another version" in fleet.error
     assert "walks-on-water" not in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize("host", ["a" * 64, "-robot_7.lab", "...", "ü" * 63])
+def test_a_host_of_any_name_gives_names_that_learners_take(host, monkeypatch):
+    monkeypatch.setattr("actors.fleet.socket.gethostname", lambda: host)
+    fleet = Fleet("tcp/127.0.0.1:7447", 1)
+    Hello(fleet._slots[0].actor_id, "life", host, 1, 1, "0")

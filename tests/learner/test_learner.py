@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
 from lndrl.transport.status import LEARNER_ACTIVITIES, overhead, parse_history, parse_status
 from lndrl.version import VERSION
+from lndrl.view.dashboard.screen import plain_line
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 
@@ -119,6 +121,29 @@ def test_lag_is_measured_in_versions(start) -> None:
     run.send(version=2)
     assert run.learner.advance(timeout=0.0)
     assert run.learner.lag == {"mean": 1.0, "max": 2}
+
+
+def test_a_run_that_waits_for_kernels_says_so(start, monkeypatch) -> None:
+    run = start()
+    hello = Hello("a-0", "x", "h", 1, 2, VERSION)
+    run.learner.ingest.on_hello(hello)
+    for ready in (0, 12):
+        run.learner.ingest.on_hello(replace(hello, kernels_ready=ready, kernels_needed=31))
+    status = parse_status(snapshot(run.learner))
+    row = status.actors[-1]
+    assert (row.kernels_ready, row.kernels_needed, row.state) == (12, 31, "active")
+    assert status.verdict.startswith("compiling: 12 of 31 kernels are ready on a-0; only a first")
+    assert "compiling, 12 of 31 kernels are ready on a-0" in plain_line(status)
+    joins = [e for e in run.learner.events.recent() if e["kind"] == "join" and "a-0" in e["text"]]
+    assert len(joins) == 1, "news of kernels are no new actors"
+    run.learner.ingest.on_hello(hello)  # it has them all
+    assert parse_status(snapshot(run.learner)).verdict == "learning"
+    run.learner.ingest.on_hello(replace(hello, kernels_ready=1, kernels_needed=31))
+    run.update()
+    assert parse_status(snapshot(run.learner)).verdict == "learning", "others deliver"
+    monkeypatch.setattr("lndrl.kernels.in_progress", lambda: (3, 9))
+    said = parse_status(snapshot(run.learner)).verdict
+    assert said.startswith("compiling: 3 of 9 kernels are ready in the learner")
 
 
 def test_the_snapshot_fits_its_schema(start) -> None:

@@ -177,7 +177,7 @@ def _irsim(scene: Scene, x: bool) -> Case:
     module = _irsim_module(x)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.yaml"
-        path.write_text(yaml.safe_dump(_irsim_scene(scene, x)))
+        path.write_text(yaml.safe_dump(_irsim_scene(scene, x)), encoding="utf-8")
         environment = module.make(
             str(path), display=False, disable_all_plot=True, log_level="ERROR"
         )

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lndrl import kernels
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 
@@ -35,7 +36,7 @@ def train_serially(
     from lndrl.transport import MemoryNetwork
     from lndrl.view.dashboard.screen import plain_line
 
-    network = MemoryNetwork()
+    network = MemoryNetwork(config.transport)
     learner = Learner(config, path, network.learner(), resume, checkpoint)
     try:
         learner.begin()
@@ -187,11 +188,14 @@ def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:
 
 
 class _Lines:
-    """A line on stdout per update, and a sign of life every half minute."""
+    """A line on stdout per update and per change of verdict, and else every half minute.
+
+    Every few seconds while kernels are compiled.
+    """
 
     def __init__(self, learner: Learner) -> None:
         self._learner = learner
-        self._shown = -1
+        self._shown = (-1, "")
         self._printed = 0.0
 
     def __enter__(self) -> _Lines:
@@ -204,10 +208,13 @@ class _Lines:
         """Print if there is news."""
         from lndrl.view.dashboard.screen import plain_line
 
-        updates = self._learner.counters.updates
-        if updates != self._shown or time.monotonic() - self._printed > 30.0:
-            self._shown, self._printed = updates, time.monotonic()
-            print(plain_line(_status(self._learner)), flush=True)
+        status = _status(self._learner)
+        word = status.verdict.partition(":")[0]
+        shown, self._shown = self._shown, (status.updates, word)
+        patience = kernels.LINE_EVERY if word == "compiling" else 30.0
+        if shown != self._shown or time.monotonic() - self._printed > patience:
+            self._printed = time.monotonic()
+            print(plain_line(status), flush=True)
 
 
 class _Screen:

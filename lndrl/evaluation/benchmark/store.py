@@ -45,7 +45,7 @@ class Identity:
     def read(cls, path: Path) -> Identity:
         """Raises UserError naming the file."""
         try:
-            return cls(**json.loads(path.read_text()))
+            return cls(**json.loads(path.read_text("utf-8")))
         except FileNotFoundError:
             raise UserError(f"{path.parent}: holds no results of lndrl benchmark") from None
         except (OSError, ValueError, TypeError) as error:
@@ -107,7 +107,7 @@ class ResultsFolder:
         path = self.file(method, scenario)
         if not path.exists():
             return {}
-        text = path.read_text()
+        text = path.read_text("utf-8")
         rows = list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
         try:
             return {record.world - TEST_WORLD: record for record in map(_record, rows)}
@@ -121,7 +121,7 @@ class ResultsFolder:
 
     def add(self, method: str, scenario: str, record: EpisodeRecord) -> None:
         """Append one episode."""
-        with self.file(method, scenario).open("a", newline="") as file:
+        with self.file(method, scenario).open("a", newline="", encoding="utf-8") as file:
             file.write(_text([_row(record)]))
 
     def write_summary(self, summary: dict[str, Any]) -> None:
@@ -160,7 +160,7 @@ def _text(rows: Iterable[Iterable[Any]]) -> str:
 def _replace(path: Path, text: str) -> None:
     temporary = path.with_suffix(path.suffix + ".partial")
     try:
-        temporary.write_text(text)
+        temporary.write_text(text, encoding="utf-8")
         temporary.replace(path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror})") from None

@@ -77,7 +77,7 @@ class RunsFolder:
         if not any((folder / "checkpoints").glob("step-*")):
             return "missing"
         try:
-            events = (folder / "events.log").read_text()
+            events = (folder / "events.log").read_text("utf-8")
         except (OSError, UnicodeDecodeError):
             events = ""
         return "diverged" if _DIVERGED.search(events) else "begun"
@@ -102,7 +102,7 @@ class RunsFolder:
         path = self.config_path(run)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(run.config.to_yaml())
+            path.write_text(run.config.to_yaml(), encoding="utf-8")
         except OSError as error:
             raise UserError(f"{path}: cannot be written ({error.strerror})") from None
         return path
@@ -116,7 +116,7 @@ class RunsFolder:
         """
         try:
             self.aside.mkdir(parents=True, exist_ok=True)
-            file = (self.aside / "lock").open("w")
+            file = (self.aside / "lock").open("w", encoding="utf-8")
         except OSError as error:
             raise UserError(f"{self.aside}: cannot be written ({error.strerror})") from None
         with file:
@@ -172,6 +172,6 @@ class SweepFolder(RunsFolder):
 
 def _finished(summary: Path) -> bool:
     try:
-        return json.loads(summary.read_text()).get("finished") is True
+        return json.loads(summary.read_text("utf-8")).get("finished") is True
     except (OSError, ValueError, AttributeError):
         return False

@@ -166,7 +166,7 @@ class Work:
         name = job.run.name
         self._failures[name] = self._failures.get(name, 0) + 1
         log = self.folder.log_path(job.run)
-        last = _last_line(log.read_text(errors="replace") if log.exists() else "")
+        last = _last_line(log.read_text(errors="replace", encoding="utf-8") if log.exists() else "")
         if self._failures[name] >= _ATTEMPTS:
             raise UserError(f"{name} failed twice, exit code {code}: {last}; all of it: {log}")
         self.say(f"{name}: failed with exit code {code} ({last}), tried once more")

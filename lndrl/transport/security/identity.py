@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -124,7 +123,8 @@ def parse_endpoint(endpoint: str) -> tuple[str, str, int]:
     if match is None or not 0 < int(match[3]) < 65536:
         raise UserError(
             f"endpoint {endpoint!r} must look like tcp/HOST:PORT or tls/HOST:PORT with a port"
-            " from 1 to 65535, e.g. tcp/127.0.0.1:7447"
+            " from 1 to 65535, e.g. tcp/127.0.0.1:7447; whatever else zenoh knows goes into a file"
+            " for --zenoh"
         )
     return match[1], match[2], int(match[3])
 
@@ -137,26 +137,6 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return False
-
-
-def check_exposure(settings: Mapping[str, Any], insecure: bool) -> None:
-    """Raises UserError where ``settings`` (nested, complete) listen unprotected beyond loopback.
-
-    Protected is what is encrypted and asks who comes: TLS with client certificates or users.
-    """
-    transport = settings.get("transport", {})
-    tls = transport.get("link", {}).get("tls", {})
-    users = transport.get("auth", {}).get("usrpwd", {}).get("dictionary_file")
-    for endpoint in _listening(settings):
-        scheme, _, address = endpoint.partition("/")
-        host = re.split(r"[?#]", address)[0].rpartition(":")[0]
-        encrypted = scheme in ("tls", "quic") and tls.get("listen_certificate")
-        if insecure or is_loopback(host) or (encrypted and (tls.get("enable_mtls") or users)):
-            continue
-        raise UserError(
-            f"endpoint {endpoint} is open to other machines and not protected; use --certs FOLDER"
-            f" with tls/{address}, listen on 127.0.0.1, or accept that with --insecure"
-        )
 
 
 def check_certificates(folder: Path, role: str) -> None:
@@ -240,11 +220,3 @@ def _tls(folder: Path, role: str, listening: bool) -> dict[str, Any]:
         for side in ("listen", "connect") if listening else ("connect",):
             found |= {f"{_TLS}/{side}_{what}": str(path) for what, path in own.items()}
     return found
-
-
-def _listening(settings: Mapping[str, Any]) -> Iterable[str]:
-    """Every endpoint of ``listen/endpoints``: a list, a word, or one of those per mode."""
-    found = settings.get("listen", {}).get("endpoints") or []
-    groups = found.values() if isinstance(found, Mapping) else [found]
-    for group in groups:
-        yield from [group] if isinstance(group, str) else group

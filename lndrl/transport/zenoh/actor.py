@@ -29,12 +29,14 @@ from lndrl.transport.messages import (
     Message,
     MessageError,
     Refusal,
+    TooLargeError,
     WeightsAnnouncement,
     Welcome,
     decode,
     digest,
     encode,
 )
+from lndrl.transport.security.exposure import UnknownHostError
 from lndrl.transport.security.identity import Security, parse_endpoint
 from lndrl.transport.zenoh.session import (
     ExitGuard,
@@ -74,6 +76,7 @@ class ZenohActor(Bookkeeper):
         self._failures = 0
         self._carriers: list[threading.Thread] = []
         self._guard: ExitGuard | None = None
+        self._told: Any = None  # the channel of an answer that nobody waits for
 
     def hello(self, hello: Hello, timeout: float = 10.0) -> Welcome:
         """Introduce the actor."""
@@ -94,11 +97,18 @@ class ZenohActor(Bookkeeper):
             if self._session is not None:
                 self._join(self._session)
         self.ledger.welcomed(answer)
-        while len(self._carriers) < self._config.upload_window:
-            thread = threading.Thread(target=self._carry, name="lndrl-upload", daemon=True)
-            self._carriers.append(thread)
-            thread.start()
+        self._start_carriers()
         return answer
+
+    def tell(self, hello: Hello) -> None:
+        """Say what is new about this actor; whether it arrives does not matter."""
+        session = self._session
+        if session is None or session.closing:
+            return
+        try:
+            self._told = session.ask(HELLO, encode(hello), REOPEN_SECONDS)
+        except zenoh.ZError as error:
+            logger.debug("news could not leave: %s", error)
 
     def upload(
         self,
@@ -107,19 +117,21 @@ class ZenohActor(Bookkeeper):
         timeout: float | None = None,
     ) -> None:
         """Send a chunk in the background; blocks while the window is full."""
-        entry = self._written(header, arrays)
-        limit = self._config.max_message_megabytes * 2**20
-        if len(entry.payload) > limit:
-            raise MessageError(
-                f"a chunk of {len(entry.payload)} bytes exceeds {limit}; use fewer worlds or a"
-                " shorter horizon, or raise transport.max_message_megabytes"
-            )
+        entry = self._written(header, arrays, self._config.max_message_megabytes)
         self.ledger.wait_room(timeout)
         self.ledger.add(entry)
 
     def adopt(self, config: TransportConfig) -> None:
-        """Wait for acknowledgements as long as the run's configuration says."""
-        self._config = self._config.model_copy(update={"upload_timeout": config.upload_timeout})
+        """Wait for acknowledgements, send and receive as the run's configuration says."""
+        before = self._config.max_message_megabytes
+        taken = ("upload_timeout", "upload_window", "max_message_megabytes")
+        self._config = self._config.model_copy(update={k: getattr(config, k) for k in taken})
+        self.ledger.widen(self._config.upload_window)
+        self._start_carriers()
+        if self._config.max_message_megabytes > before:
+            # What a session receives is settled when it opens; larger weights would never come.
+            with self._opening:
+                self._renew(self._session)
 
     def flush(self, timeout: float) -> bool:
         """Wait until every chunk is settled."""
@@ -135,6 +147,7 @@ class ZenohActor(Bookkeeper):
             sample = self._ask(WEIGHTS, payload, left)
             if sample is None or sample.attachment is None:
                 failures += 1
+                self._check_size()
                 if failures % FAILURES_UNTIL_REOPEN == 0:
                     self._reopen(session)
                 time.sleep(min(REST, left))
@@ -149,6 +162,19 @@ class ZenohActor(Bookkeeper):
                 raise WeightsGoneError(f"version {version} is no longer kept")
             time.sleep(min(REST / 4, left))
         raise TimeoutError(f"no weights came from {self._endpoint} within {timeout:g} s")
+
+    def _check_size(self) -> None:
+        """Raise TooLargeError where the newest weights are larger than what is received here."""
+        session, sample = self._session, self._ask(ANNOUNCE, b"", REOPEN_SECONDS)
+        if session is None or sample is None:
+            return
+        size = decode(sample.payload.to_bytes(), WeightsAnnouncement)[0].size
+        if size > session.largest_message:
+            raise TooLargeError(
+                f"weights of {size / 2**20:.3g} MiB cannot be received here; raise"
+                f" transport/link/rx/max_message_size ({session.largest_message} bytes) in the"
+                " zenoh settings of this actor"
+            )
 
     def close(self) -> None:
         """Leave."""
@@ -170,6 +196,9 @@ class ZenohActor(Bookkeeper):
                             self._session = self._connect(left)
                     except UnreachableError:
                         return None
+                    except UnknownHostError as error:
+                        # At once, and yet names may get an address later: who is patient waits.
+                        raise LearnerUnreachableError(str(error)) from None
                 continue
             sample = self._ask(HELLO, data, left)
             if sample is not None:
@@ -209,6 +238,12 @@ class ZenohActor(Bookkeeper):
         news, _ = decode(sample.payload.to_bytes(), WeightsAnnouncement)
         self.ledger.heard(news.version, news.learner_incarnation, news.done)
 
+    def _start_carriers(self) -> None:
+        while len(self._carriers) < self._config.upload_window:
+            thread = threading.Thread(target=self._carry, name="lndrl-upload", daemon=True)
+            self._carriers.append(thread)
+            thread.start()
+
     def _carry(self) -> None:
         while True:
             channel = None
@@ -231,7 +266,7 @@ class ZenohActor(Bookkeeper):
             self.ledger.postpone(entry, REST)
             self._failures += 1
             if self._failures >= FAILURES_UNTIL_REOPEN:
-                self._reopen(session)
+                self._reopen(session, entry)
 
     def _send(self, session: ZenohSession, entry: Entry) -> Any:
         key = f"{UPLOAD}/{entry.actor_id}/{entry.incarnation}/{entry.sequence}"
@@ -249,33 +284,44 @@ class ZenohActor(Bookkeeper):
             logger.warning("an ack could not be read: %s", error)
             return None
 
-    def _reopen(self, failed: ZenohSession | None) -> None:
+    def _reopen(self, failed: ZenohSession | None, entry: Entry | None = None) -> None:
         with self._opening:
             if self.ledger.closed() or self._session is not failed:
                 return
             if self._ask(ANNOUNCE, b"", REOPEN_SECONDS) is not None:
                 # The learner lives and is only busy; a new session would not help.
                 self._failures = 0
+                if entry is not None:
+                    logger.warning(
+                        "an upload of %.3g MiB has had no answer %d times, though the learner"
+                        " answers other questions: it is very busy, or something on the way drops"
+                        " messages of that size (rx/max_message_size of a router)",
+                        *(len(entry.payload) / 2**20, FAILURES_UNTIL_REOPEN),
+                    )
                 return
-            if failed is not None:
-                failed.close()
-            self._entities = []
-            self._session = None
             logger.warning("no answer from %s; connecting anew", self._endpoint)
-            try:
-                session = self._connect(REOPEN_SECONDS)
-            except UnreachableError:
-                return
-            except UserError as error:
-                # Certificates that are being renewed may be missing for a moment.
-                logger.warning("%s", error)
-                return
-            self._session = session
-            self._failures = 0
-            if self.ledger.closed():
-                session.close()
-                return
-            try:
-                self._join(session)
-            except zenoh.ZError as error:
-                logger.warning("the new session failed at once: %s", error)
+            self._renew(failed)
+
+    def _renew(self, former: ZenohSession | None) -> None:
+        """A new session in place of ``former``; whoever calls holds ``_opening``."""
+        if former is not None:
+            former.close()
+        self._entities = []
+        self._session = None
+        try:
+            session = self._connect(REOPEN_SECONDS)
+        except UnreachableError:
+            return
+        except UserError as error:
+            # Certificates that are being renewed may be missing for a moment.
+            logger.warning("%s", error)
+            return
+        self._session = session
+        self._failures = 0
+        if self.ledger.closed():
+            session.close()
+            return
+        try:
+            self._join(session)
+        except zenoh.ZError as error:
+            logger.warning("the new session failed at once: %s", error)

@@ -71,7 +71,7 @@ def write(folder: Path, namespaces: Sequence[str] = ("",)) -> None:
     """Write all files into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files(namespaces).items():
-        (folder / name).write_text(text)
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def _router(endpoint: str) -> dict[str, Any]:

@@ -56,6 +56,10 @@ class ZenohLearner:
         else:
             self._session = open_listening(config.endpoint, config, security)
         self._guard = ExitGuard(self.close)
+        # An operator's file may let in less.
+        self.largest_message = min(
+            self._session.largest_message, config.max_message_megabytes * 2**20
+        )
 
     def start(self, handlers: LearnerHandlers) -> None:
         """Begin to answer."""

@@ -7,7 +7,9 @@ queries; a thread that is inside Zenoh while the interpreter ends aborts the pro
 
 from __future__ import annotations
 
+import json
 import logging
+import re
 import socket
 import threading
 from collections.abc import Callable, Mapping
@@ -17,7 +19,8 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
-from lndrl.transport.security.identity import Security, parse_endpoint
+from lndrl.transport.security.exposure import check_hosts, endpoints_of, read_endpoint
+from lndrl.transport.security.identity import Security
 from lndrl.transport.security.identity import settings as settings_of
 from lndrl.transport.zenoh.config import build
 
@@ -35,8 +38,9 @@ class ZenohSession:
     Threads only ever wait inside ``recv``, which ends when the session closes.
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, largest_message: int = 2**30) -> None:
         self.zenoh = session
+        self.largest_message = largest_message  # bytes; larger ones are not received
         self._closing = threading.Event()
         self._threads: list[threading.Thread] = []
         self._lock = threading.Lock()
@@ -178,7 +182,6 @@ def open_listening(
 ) -> ZenohSession:
     """The learner's session, a router that listens; raises UserError when it cannot."""
     security = security or Security("learner")
-    _, host, port = parse_endpoint(endpoint)
     security.check(endpoint, listening=True)
     settings = {
         **_common(config),
@@ -188,22 +191,34 @@ def open_listening(
         "listen/exit_on_failure": True,
         "transport/unicast/max_sessions": 4096,
     }
+    built = build(settings, security)
+    if not any(any(endpoints_of(_read(built), side)) for side in ("listen", "connect")):
+        raise UserError(f"{security.overlay}: lets the learner listen nowhere; name an endpoint")
     try:
-        return ZenohSession(open_session(settings, 10.0, security))
+        return _opened(built, 10.0)
     except (zenoh.ZError, UnreachableError) as error:
-        text = str(error)
-    if "in use" in text:
-        raise UserError(
+        text = _plain(error)
+    raise UserError(_why_deaf(endpoint, list(endpoints_of(_read(built), "listen")), text))
+
+
+def _why_deaf(configured: str, listening: list[str], text: str) -> str:
+    """Why zenoh, which says ``text``, cannot listen; an operator's file may have it elsewhere."""
+    named = [each for each in listening if each in text] or listening
+    if len(named) != 1:
+        return f"endpoints {', '.join(named) or 'of nowhere'}: cannot listen ({text})"
+    endpoint = read_endpoint(named[0])
+    host, port = endpoint.host, endpoint.port
+    if "in use" in text and port:
+        place = "transport.endpoint" if endpoint.text == configured else "the zenoh settings"
+        return (
             f"port {port} is in use on {host}; stop the program that listens there or choose"
-            " another port in transport.endpoint"
+            f" another port in {place}"
         )
     if "assign requested address" in text:
-        raise UserError(f"endpoint {endpoint}: this machine does not have the address {host}")
-    if "lookup" in text:
-        raise UserError(f"endpoint {endpoint}: the host name {host} is unknown")
-    if "ermission denied" in text:
-        raise UserError(f"endpoint {endpoint}: port {port} is not allowed; choose one above 1023")
-    raise UserError(f"endpoint {endpoint}: cannot listen ({text[:200]})")
+        return f"endpoint {endpoint.text}: this machine does not have the address {host}"
+    if "ermission denied" in text and port:
+        return f"endpoint {endpoint.text}: port {port} is not allowed; choose one above 1023"
+    return f"endpoint {endpoint.text}: cannot listen ({text})"
 
 
 def open_connecting(
@@ -226,10 +241,14 @@ def open_connecting(
         },
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
+    built = build(settings, security)
     try:
-        return ZenohSession(open_session(settings, timeout, security))
+        return _opened(built, timeout)
     except zenoh.ZError as error:
-        raise UnreachableError(str(error)) from None
+        text = _plain(error)
+    if "Unable to connect" in text:
+        raise UnreachableError(text)
+    raise UserError(f"zenoh cannot open a session for {endpoint} ({text})")
 
 
 def cure(security: Security) -> str:
@@ -248,6 +267,9 @@ def _common(config: TransportConfig) -> dict[str, Any]:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
+        # Neither sent nor taken: what lies in shared memory passes every limit of size, and
+        # whoever sent it may still change it.
+        "transport/shared_memory/enabled": False,
         "transport/shared_memory/transport_optimization/enabled": False,
         "transport/link/tx/lease": int(config.lease * 1000),
         "transport/link/rx/max_message_size": config.max_message_megabytes * 2**20,
@@ -256,18 +278,37 @@ def _common(config: TransportConfig) -> dict[str, Any]:
     }
 
 
+def _opened(built: zenoh.Config, timeout: float) -> ZenohSession:
+    largest = json.loads(built.get_json("transport/link/rx/max_message_size"))
+    return ZenohSession(open_built(built, timeout), largest)
+
+
+def _read(built: zenoh.Config) -> dict[str, Any]:
+    return {side: json.loads(built.get_json(side)) for side in ("listen", "connect")}
+
+
+def _plain(error: Exception) -> str:
+    """What zenoh says, without the places in its source."""
+    return re.sub(r"\.? at /\S+?:\d+\.?", "", str(error))[:200].rstrip(". ")
+
+
 def open_session(
     settings: Mapping[str, Any], timeout: float, security: Security | None = None
 ) -> zenoh.Session:
     """Open a session within about ``timeout`` s; raises ZError, and UnreachableError when late."""
-    built = build(settings, security)
+    return open_built(build(settings, security), timeout)
+
+
+def open_built(built: zenoh.Config, timeout: float) -> zenoh.Session:
+    """As ``open_session``, of a configuration that is built; raises UserError, too."""
     result: list[Any] = []
     abandoned = threading.Event()
 
     def work() -> None:
         try:
+            check_hosts(_read(built))
             session = zenoh.open(built)
-        except Exception as error:
+        except BaseException as error:  # a panic of zenoh's is no Exception
             result.append(error)
             return
         result.append(session)
@@ -282,4 +323,6 @@ def open_session(
         raise UnreachableError(f"opening took longer than {timeout:g} s")
     if isinstance(result[0], Exception):
         raise result[0]
+    if isinstance(result[0], BaseException):
+        raise UserError(f"zenoh fails with these settings ({result[0]})")
     return result[0]

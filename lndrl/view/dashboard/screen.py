@@ -128,7 +128,9 @@ def plain_line(status: Status, stale_age: float = 0.0) -> str:
     episodes = status.episodes
     parts = [
         time.strftime("%H:%M:%S", time.localtime(status.time)),
-        verdict.word if verdict.word != "stale" else f"stale, {verdict.sentence}",
+        verdict.word
+        if verdict.word not in ("stale", "compiling")
+        else f"{verdict.word}, {verdict.sentence}",
         f"steps {status.steps:,}/{status.total_steps:,} ({share:.1f}%)",
         f"{number(status.rate.seconds_60)} steps/s",
         f"eta {duration(status.eta)}",

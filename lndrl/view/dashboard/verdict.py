@@ -12,6 +12,7 @@ STALE_AFTER = 10.0
 """s without news until a run counts as stale; a learner writes about once a second."""
 
 COLOURS = {
+    "compiling": QUIET,
     "learning": GOOD,
     "waiting for actors": WARNING,
     "learner-bound": WARNING,

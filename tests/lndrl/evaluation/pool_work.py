@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterator
 
+from lndrl import kernels
 from lndrl.errors import UserError
 from lndrl.evaluation.pool import Work
 
@@ -35,5 +36,13 @@ def sleeping(seconds: float) -> Work:
     def work(task: int) -> Iterator[int]:
         yield os.getpid()
         time.sleep(seconds)
+
+    return work
+
+
+def compiling(needed: int) -> Work:
+    def work(task: int) -> Iterator[int]:
+        kernels.tell(task, needed)
+        yield task
 
     return work

@@ -12,6 +12,7 @@ from types import ModuleType
 
 import pytest
 
+from lndrl import kernels
 from lndrl.errors import UserError
 from lndrl.evaluation.pool import run_tasks
 
@@ -95,3 +96,11 @@ def _alive(pid: int) -> bool:
     except (FileNotFoundError, ProcessLookupError):
         return False
     return state != "Z"
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_how_far_kernels_are_is_heard_from_workers(pool_work: ModuleType, workers: int) -> None:
+    heard: list[tuple[int, int]] = []
+    with kernels.told(lambda ready, needed: heard.append((ready, needed))):
+        assert sorted(run_tasks(pool_work.compiling, (31,), range(3), workers)) == [0, 1, 2]
+    assert sorted(heard) == [(0, 31), (1, 31), (2, 31)]

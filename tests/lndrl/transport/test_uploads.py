@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from lndrl.config import TransportConfig
 from lndrl.transport import uploads
 from lndrl.transport.uploads import CAPACITY, PER_STRANGER, REFUSING, UploadQueue
 
@@ -179,3 +180,14 @@ def test_closing_wakes_whoever_waits_and_later_uploads_are_left():
     assert not thread.is_alive() and got[-1] is None
     assert room.put("a").dropped
     assert not room.queue._strangers
+
+
+def test_the_largest_upload_that_a_learner_may_allow_finds_room_alone():
+    """One that no lane had room for would be sent again for ever."""
+    largest = uploads.STRANGERS_BYTES // 2**20
+    assert TransportConfig(max_message_megabytes=largest)
+    with pytest.raises(ValueError, match=f"less than or equal to {largest}"):
+        TransportConfig(max_message_megabytes=largest + 1)
+    assert TransportConfig(upload_window=16).upload_window <= PER_STRANGER
+    with pytest.raises(ValueError, match="less than or equal to 16"):
+        TransportConfig(upload_window=17)

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport import Security, free_endpoint, open_actor, open_learner
+from lndrl.transport.security.exposure import check_exposure
 from lndrl.transport.security.identity import (
-    check_exposure,
     check_private,
     is_loopback,
     parse_endpoint,
@@ -26,8 +26,9 @@ from lndrl.transport.security.identity import (
     settings,
 )
 from lndrl.transport.zenoh import deployment
-from lndrl.transport.zenoh.config import build, merged, read_overlay
+from lndrl.transport.zenoh.config import build, merged
 from lndrl.transport.zenoh.learner import ZenohLearner
+from lndrl.transport.zenoh.overlay import read_overlay
 from tests.lndrl.transport.security.authority import make_certificates
 
 ROOT = Path(__file__).resolve().parents[4]

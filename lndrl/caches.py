@@ -1,0 +1,104 @@
+"""Where compiled kernels and fonts are kept when neither installation nor home can be written.
+
+numba refuses to import a kernel that it cannot keep anywhere, and matplotlib looks for all fonts
+anew in every process. Both read the environment when they are imported, which child processes
+inherit; so this is settled once, when the package is.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+
+NUMBA, MATPLOTLIB = "NUMBA_CACHE_DIR", "MPLCONFIGDIR"
+
+
+def settle(package: str = os.path.dirname(__file__)) -> None:
+    """Name a temporary folder to numba and matplotlib where they have none; a warning says so.
+
+    Nothing is written where they have one. ``package`` is what numba would write beside.
+    """
+    homeless = {}
+    if not _numba_has_a_place(package):
+        homeless[NUMBA] = "numba"
+    if not _matplotlib_has_a_place():
+        homeless[MATPLOTLIB] = "matplotlib"
+    if not homeless:
+        return
+    folder = _temporary_folder()
+    if folder is None:
+        return
+    for variable, name in homeless.items():
+        os.environ[variable] = os.path.join(folder, name)
+    if "numba.core.config" in sys.modules:
+        sys.modules["numba.core.config"].reload_config()
+    what = "compiled kernels" if NUMBA in homeless else "fonts"
+    import logging
+
+    logging.getLogger("lndrl").warning(
+        "neither the installation nor the home folder can be written: %s are kept in %s"
+        " (%s chooses another place)",
+        *(what, folder, " or ".join(homeless)),
+    )
+
+
+def _numba_has_a_place(package: str) -> bool:
+    given = os.environ.get(NUMBA)
+    if given:
+        return _is_writable(given)
+    found = os.scandir(package)
+    rooms = [room.path for room in found if room.is_dir() and room.name != "__pycache__"]
+    caches = (os.path.join(room, "__pycache__") for room in (package, *rooms))
+    if all(map(_is_writable, caches)):
+        return True
+    return _is_writable(os.path.join(_home("XDG_CACHE_HOME", ".cache"), "numba"))
+
+
+def _matplotlib_has_a_place() -> bool:
+    given = os.environ.get(MATPLOTLIB)
+    if given:
+        return _is_writable(given)
+    homes = (_home("XDG_CONFIG_HOME", ".config"), _home("XDG_CACHE_HOME", ".cache"))
+    return all(_is_writable(os.path.join(home, "matplotlib")) for home in homes)
+
+
+def _home(variable: str, usual: str) -> str:
+    return os.environ.get(variable) or os.path.join(os.path.expanduser("~"), usual)
+
+
+def _is_writable(folder: str) -> bool:
+    """Whether files can be made in ``folder``, which may still have to be made itself."""
+    above = folder
+    while not os.path.lexists(above):
+        above = os.path.dirname(above)
+    if not os.path.isdir(above) or not os.access(above, os.W_OK | os.X_OK):
+        return False
+    if above == folder or os.path.isdir(os.path.expanduser("~")):
+        return True
+    trial = os.path.join(above, f".lndrl-{os.getpid()}")
+    try:  # a home like /proc/none lies in what only claims to be writable
+        os.mkdir(trial, 0o700)
+        os.rmdir(trial)
+    except OSError:
+        return False
+    return True
+
+
+def _temporary_folder() -> str | None:
+    """A folder of this user's own, the same the next time; None where nothing can be written.
+
+    What lies in it is run: a folder that somebody else made under that name is not taken.
+    """
+    import tempfile
+
+    try:
+        folder = os.path.join(tempfile.gettempdir(), f"lndrl-cache-{os.geteuid()}")
+        os.makedirs(folder, 0o700, exist_ok=True)
+        found = os.lstat(folder)
+        private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o077
+        if private and found.st_uid == os.geteuid() and _is_writable(folder):
+            return folder
+        return tempfile.mkdtemp(prefix="lndrl-cache-")
+    except OSError:
+        return None
