@@ -13,8 +13,9 @@ from lndrl.errors import UserError
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(ge=1, le=2**53)]
-"""A whole number that every program that reads JSON or msgpack understands."""
+MOST = 2**53
+"""Whole numbers up to it are understood by every program that reads JSON or msgpack."""
+Count = Annotated[int, Field(ge=1, le=MOST)]
 Seconds = Annotated[float, Field(ge=0.001, le=86_400)]
 """A duration: from a millisecond, the shortest that networks can be told, to a day."""
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]

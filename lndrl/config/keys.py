@@ -14,7 +14,7 @@ from pydantic_core import PydanticUndefined
 
 from lndrl.config.run import RunConfig
 from lndrl.errors import UserError
-from lndrl.models import Model
+from lndrl.models import MOST, Model
 
 SOURCES = {
     "PAPER": "LNDRL, arXiv 2303.12354",
@@ -130,7 +130,7 @@ def _limits(metadata: list[Any]) -> Iterator[str]:
         for part in getattr(each, "metadata", [each]):  # a Field inside Annotated holds its own
             for name, word in _LIMITS.items():
                 bound = getattr(part, name, None)
-                if bound is not None:
+                if bound is not None and bound != MOST:  # which nobody comes near
                     yield f"{word} {bound:g}"
             if getattr(part, "min_length", None):
                 yield f"at least {part.min_length} of them"

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from lndrl.extensions import PartName, PartSettings
-from lndrl.models import LATER, Count, Model, NonNegative, Positive, Probability, Seconds
+from lndrl.models import LATER, MOST, Count, Model, NonNegative, Positive, Probability, Seconds
 
 BUILT_IN = "lndrl"
 SCAN_ENCODERS = (BUILT_IN, "fan")
@@ -138,7 +138,7 @@ class LearnerConfig(Model):
         description="lockstep: actors wait for the weights before the newest, and a run repeats; "
         "async: they go on with what they have",
     )
-    max_lag: Annotated[int, Field(ge=0, le=2**53)] = Field(
+    max_lag: Annotated[int, Field(ge=0, le=MOST)] = Field(
         8, description="weight versions; samples that are older are dropped"
     )
     total_steps: Count = Field(1_200_000, description="environment steps (PAPER)")

@@ -24,7 +24,7 @@ from lndrl.config.shipped import find
 from lndrl.config.task import TaskConfig
 from lndrl.config.world import WorldConfig
 from lndrl.errors import UserError
-from lndrl.models import Model, effective, load_yaml, validate
+from lndrl.models import MOST, Model, effective, load_yaml, validate
 from lndrl.scenario import Scenario
 
 FIXED_ACTORS = 2
@@ -38,7 +38,7 @@ MOST_WORLDS = 32
 class RunConfig(Model):
     """Everything that decides a run; the learner hands it to the actors."""
 
-    seed: Annotated[int, Field(ge=0, le=2**53)] = Field(
+    seed: Annotated[int, Field(ge=0, le=MOST)] = Field(
         1, description="of every random draw: worlds, episodes, first weights, minibatches"
     )
     scenario: Scenario = Field(description="the place to train in: its name, a YAML file, or keys")
