@@ -102,7 +102,8 @@ class Roadmap:
 
     def sees(self, a: Floats, b: Floats, room: float) -> bool:
         """Whether the straight leg from ``a`` to ``b`` keeps ``room`` m to every wall."""
-        return self._room(a, b) >= room
+        scale = 1.0 / self.resolution
+        return bool(leg_keeps(self.distance, scale, a[0], a[1], b[0], b[1], room))
 
 
 def path_length(path: Floats) -> float:
@@ -140,30 +141,41 @@ def leg_room(distance, inverse_resolution, ax, ay, bx, by):
 
 
 @njit(cache=True, nogil=True)
+def leg_keeps(distance, inverse_resolution, ax, ay, bx, by, room):
+    """Whether ``leg_room`` of the leg from a to b is ``room`` m or more; ends where it is not."""
+    length = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+    steps = int(length * inverse_resolution) + 1
+    for k in range(steps + 1):
+        u = k / steps
+        here = sample_field(distance, inverse_resolution, ax + u * (bx - ax), ay + u * (by - ay))
+        if here - 0.5 / inverse_resolution < room:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
 def simplify_path(path, room, distance, inverse_resolution, comfort):
     """Indices of the points of ``path`` (k, 2) that straight legs need; ``room`` (k,) (m)."""
     count = len(path)
     kept = [0]
     here = 0
+    least = np.empty(count)  # from ``here`` on
     while here < count - 1:
+        lowest = comfort
+        for i in range(here, count):
+            lowest = min(lowest, room[i])
+            least[i] = lowest
         there = count - 1
-        while there > here + 1:
-            least = comfort
-            for i in range(here, there + 1):
-                least = min(least, room[i])
-            # A straight leg cuts between lattice points: half a cell of slack.
-            if (
-                leg_room(
-                    distance,
-                    inverse_resolution,
-                    path[here, 0],
-                    path[here, 1],
-                    path[there, 0],
-                    path[there, 1],
-                )
-                >= least - 0.5 / inverse_resolution
-            ):
-                break
+        # A straight leg cuts between lattice points: half a cell of slack.
+        while there > here + 1 and not leg_keeps(
+            distance,
+            inverse_resolution,
+            path[here, 0],
+            path[here, 1],
+            path[there, 0],
+            path[there, 1],
+            least[there] - 0.5 / inverse_resolution,
+        ):
             there -= 1
         kept.append(there)
         here = there

@@ -57,51 +57,97 @@ def build_walls(outlines: Sequence[NDArray[np.float64]], reach: float) -> Walls:
     horizon * max_speed + radius. Raises UserError for an outline with fewer than two corners or
     with a number that is not finite.
     """
-    rows = [_outline_edges(np.asarray(o, dtype=np.float64), i) for i, o in enumerate(outlines)]
-    edges = np.concatenate(rows) if rows else np.zeros((0, _COLUMNS))
+    return index_edges(wall_edges(outlines), reach)
+
+
+def wall_edges(outlines: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Rows of ``Walls.edges`` for closed polygons; arguments and errors as in ``build_walls``.
+
+    Corners that repeat their predecessor are dropped.
+    """
+    arrays = [np.asarray(outline, dtype=np.float64) for outline in outlines]
+    for i, outline in enumerate(arrays):
+        if outline.ndim != 2 or outline.shape[1:] != (2,) or not np.isfinite(outline).all():
+            raise UserError(f"outline {i}: must be finite corners [x, y], one per row")
+    # All outlines at once: a map of speckles has thousands of them.
+    corners = np.concatenate([np.zeros((0, 2)), *arrays])
+    owner = np.repeat(np.arange(len(arrays)), [len(outline) for outline in arrays])
+    kept = np.hypot(*(corners - corners[_neighbours(owner)[0]]).T) > 1e-9
+    corners, owner = corners[kept], owner[kept]
+    counts = np.bincount(owner, minlength=len(arrays))
+    if (counts < 2).any():
+        i = int(np.argmax(counts < 2))
+        raise UserError(f"outline {i}: needs at least two different corners")
+    earlier, later = _neighbours(owner)
+    ends = corners[later]
+    length = np.hypot(*(ends - corners).T)
+    unit = (ends - corners) / length[:, None]
+    before, after = unit[earlier], unit[later]
+    turn = before[:, 0] * unit[:, 1] - before[:, 1] * unit[:, 0]
+    # A straight joint is convex, and rounding must not make it concave.
+    convex = (turn >= -_STRAIGHT) | (counts[owner] == 2)
+    parts = [corners, ends, unit, before, after, convex, convex[later], length]
+    return np.column_stack(parts).astype(np.float64)
+
+
+def _neighbours(owner: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row before and row after each row in its closed polygon; ``owner`` numbers polygons."""
+    first = np.searchsorted(owner, owner)
+    last = np.searchsorted(owner, owner, side="right") - 1
+    row = np.arange(len(owner))
+    return np.where(row == first, last, row - 1), np.where(row == last, first, row + 1)
+
+
+def index_edges(edges: NDArray[np.float64], reach: float) -> Walls:
+    """Sort ``wall_edges`` into the tiles from where they can be within ``reach`` m."""
     if len(edges) == 0:
         none = np.zeros(0, dtype=np.int32)
         return Walls(edges, none, np.zeros(1, dtype=np.int32), 0, 0, 0.0, 0.0)
     corner = edges[:, :2].min(axis=0) - reach
     size = edges[:, :2].max(axis=0) + reach - corner
-    columns, count = (max(1, int(np.ceil(s / _TILE))) for s in size)
+    columns, rows = (max(1, int(np.ceil(s / _TILE))) for s in size)
     far = reach + _TILE * np.sqrt(0.5) + 1e-6  # from a tile's middle
-    middle = corner + 0.5 * _TILE + _TILE * np.column_stack([np.arange(columns), np.zeros(columns)])
-    numbers, members = [], []
-    for row in range(count):
-        near = _distances(edges, middle + np.array([0.0, _TILE * row])) <= far
-        numbers.append(near.sum(axis=1))
-        members.append(np.nonzero(near)[1])
-    starts = np.concatenate([[0], np.cumsum(np.concatenate(numbers))]).astype(np.int32)
-    joined = np.concatenate(members).astype(np.int32)
-    return Walls(edges, joined, starts, count, columns, float(corner[0]), float(corner[1]))
+    boxes = tile_boxes(edges, far, corner, rows, columns)
+    middles = corner + 0.5 * _TILE
+    starts = np.zeros(rows * columns + 1, dtype=np.int32)
+    members = np.zeros(0, dtype=np.int32)
+    _insert(edges, boxes, middles, far, columns, starts[1:], members, False)  # how many first
+    np.cumsum(starts, out=starts)
+    members = np.zeros(starts[-1], dtype=np.int32)
+    _insert(edges, boxes, middles, far, columns, starts[:-1].copy(), members, True)
+    return Walls(edges, members, starts, rows, columns, float(corner[0]), float(corner[1]))
 
 
-def _outline_edges(outline: NDArray[np.float64], index: int) -> NDArray[np.float64]:
-    """Edge rows of one closed polygon; corners that repeat their predecessor are dropped."""
-    if outline.ndim != 2 or outline.shape[1:] != (2,) or not np.isfinite(outline).all():
-        raise UserError(f"outline {index}: must be finite corners [x, y], one per row")
-    corners = outline[np.hypot(*(outline - np.roll(outline, 1, axis=0)).T) > 1e-9]
-    if len(corners) < 2:
-        raise UserError(f"outline {index}: needs at least two different corners")
-    ends = np.roll(corners, -1, axis=0)
-    length = np.hypot(*(ends - corners).T)
-    unit = (ends - corners) / length[:, None]
-    before, after = np.roll(unit, 1, axis=0), np.roll(unit, -1, axis=0)
-    turn = before[:, 0] * unit[:, 1] - before[:, 1] * unit[:, 0]
-    # A straight joint is convex, and rounding must not make it concave.
-    convex = (turn >= -_STRAIGHT) | (len(corners) == 2)
-    parts = [corners, ends, unit, before, after, convex, np.roll(convex, -1), length]
-    return np.column_stack(parts).astype(np.float64)
+def tile_boxes(
+    edges: NDArray[np.float64], far: float, corner: NDArray[np.float64], rows: int, columns: int
+) -> NDArray[np.int64]:
+    """Tiles that are worth a look for each edge, (E, 4): first column and row, last ones.
+
+    Those whose middles lie in the edge's own box, ``far`` m larger; no other middle is so near.
+    """
+    ends = np.stack([edges[:, :2], edges[:, [_END_X, _END_Y]]])
+    most = np.array([columns, rows]) - 1
+    first = np.ceil((ends.min(axis=0) - far - corner) / _TILE - 0.5 - 1e-6).clip(0, most)
+    last = np.floor((ends.max(axis=0) + far - corner) / _TILE - 0.5 + 1e-6).clip(0, most)
+    return np.hstack([first, last]).astype(np.int64)
 
 
-def _distances(edges: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres from every point ``(N, 2)`` to every edge, ``(N, E)``."""
-    unit = edges[:, [_DX, _DY]]
-    offset = points[:, None] - edges[:, :2]
-    along = (offset * unit).sum(axis=2).clip(0.0, edges[:, _LENGTH])
-    apart: NDArray[np.float64] = np.linalg.norm(offset - along[:, :, None] * unit, axis=2)
-    return apart
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+def _insert(edges, boxes, middles, far, columns, places, members, write):
+    """Count each tile's edges into ``places``, or ``write`` them to ``members`` from there on."""
+    for e in range(len(edges)):
+        for row in range(boxes[e, 1], boxes[e, 3] + 1):
+            y = middles[1] + _TILE * row - edges[e, _Y]
+            for column in range(boxes[e, 0], boxes[e, 2] + 1):
+                x = middles[0] + _TILE * column - edges[e, _X]
+                along = x * edges[e, _DX] + y * edges[e, _DY]
+                along = min(max(along, 0.0), edges[e, _LENGTH])
+                apart_x, apart_y = x - along * edges[e, _DX], y - along * edges[e, _DY]
+                if np.sqrt(apart_x * apart_x + apart_y * apart_y) <= far:
+                    tile = row * columns + column
+                    if write:
+                        members[places[tile]] = e
+                    places[tile] += 1
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)

@@ -29,7 +29,16 @@ from lndrl.world.people import (
 )
 from lndrl.world.social_force import obstacle_force, social_forces
 
-__all__ = ["GAIT", "ORCA", "SFM", "Crowd", "advance_people", "place_legs", "walls_for"]
+__all__ = [
+    "GAIT",
+    "ORCA",
+    "SFM",
+    "Crowd",
+    "advance_people",
+    "place_legs",
+    "wall_reach",
+    "walls_for",
+]
 
 _STANDING = 0.05  # m/s; below it the legs keep their heading
 _PASSED = 0.6  # m; a waypoint left behind within this distance counts as reached
@@ -40,8 +49,12 @@ GAIT = np.array([0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5])
 
 def walls_for(outlines: Any, config: CrowdConfig) -> Walls:
     """What a crowd with ``config`` knows of closed ``outlines`` (see ``build_walls``)."""
-    reach = config.orca_time_horizon_obstacle * config.max_speed + config.orca_wall_radius
-    return build_walls(outlines if config.orca_walls else (), reach)
+    return build_walls(outlines if config.orca_walls else (), wall_reach(config))
+
+
+def wall_reach(config: CrowdConfig) -> float:
+    """Metres to the farthest wall that somebody who knows the walls looks at."""
+    return config.orca_time_horizon_obstacle * config.max_speed + config.orca_wall_radius
 
 
 class Crowd:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from lndrl.world.furnish import (
     plan_via,
 )
 from lndrl.world.layouts import generate
+from lndrl.world.orca_walls import Walls, index_edges, wall_edges
 
 _TRIES = 2000
 _ANY_DISTANCE = (0.0, np.inf)
@@ -69,6 +70,7 @@ class Place:
     outlines: tuple[Outline, ...] = ()
     map_origin: Point = (0.0, 0.0)
     notes: tuple[str, ...] = ()
+    _solid: dict[float, Walls] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def build(
@@ -131,6 +133,17 @@ class Place:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Place:
         return self  # never changed, and megabytes
+
+    def solid(self, reach: float) -> Walls:
+        """The outlines' edges by the tiles from where they can be within ``reach`` m.
+
+        Made once for each ``reach`` and shared by all worlds here; never write to it.
+        """
+        if reach not in self._solid:
+            made = next(iter(self._solid.values()), None)
+            edges = wall_edges(self.outlines) if made is None else made.edges
+            self._solid[reach] = index_edges(edges, reach)
+        return self._solid[reach]
 
     def room(self, x: float, y: float) -> float:
         """Metres from the point to the nearest wall, to within a cell; 0 outside."""

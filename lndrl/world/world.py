@@ -16,7 +16,7 @@ from lndrl.world.contacts import HITS, Hit, contact
 from lndrl.world.laser import Fan, ScanScratch, make_fan, make_scan_scratch, noisy_scan
 from lndrl.world.odometry import move_robot
 from lndrl.world.orca_walls import Walls, build_walls
-from lndrl.world.pedestrians import advance_people, place_legs, walls_for
+from lndrl.world.pedestrians import advance_people, place_legs, wall_reach
 from lndrl.world.people import CrowdParameters, People, Surroundings, make_people
 from lndrl.world.place import Place
 from lndrl.world.placement import Routes, make_routes, place_people
@@ -85,7 +85,8 @@ class WorldBatch:
         pedestrians = place.scenario.pedestrians
         waypoints = 2 + max((len(route.via) for route in pedestrians.routes), default=0)
         capacity = pedestrians.count[1]
-        walls = walls_for(place.outlines, config.crowd)
+        knows = config.crowd.orca_walls
+        walls = place.solid(wall_reach(config.crowd)) if knows else build_walls((), 0.0)
         self.place = place
         self.config = config
         self.robots = make_robots(worlds)
@@ -93,7 +94,7 @@ class WorldBatch:
         self.routes: Routes = make_routes(pedestrians)
         self.setting = Setting(
             surroundings=Surroundings(place.distance, 1.0 / place.grid.resolution, walls),
-            solid=build_walls(place.outlines, float(config.robot_radius)),
+            solid=place.solid(float(config.robot_radius)),
             crowd=CrowdParameters.of(config.crowd, config.tick),
             rays=place.rays,
             fan=make_fan(config.laser),

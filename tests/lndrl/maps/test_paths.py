@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from lndrl.maps import paths
 from lndrl.maps.grid import distance_field
-from lndrl.maps.paths import Roadmap, leg_room, path_length, simplify_path
+from lndrl.maps.paths import Roadmap, leg_keeps, leg_room, path_length, simplify_path
 from lndrl.maps.raycast import sample_field
 from lndrl.maps.regions import grow_box, spread_boxes
 
@@ -73,6 +74,30 @@ def test_room_of_a_leg_is_that_of_its_worst_point(roadmap) -> None:
         fast = leg_room(roadmap.distance, 1 / STEP, *a, *b)
         assert fast == pytest.approx(slow - STEP / 2, abs=0.8 * STEP)
         assert roadmap.sees(a, b, 0.3) == (fast >= 0.3)
+
+
+def test_a_leg_keeps_the_room_that_its_worst_point_has(roadmap: Roadmap) -> None:
+    rng = np.random.default_rng(2)
+    for a, b in rng.uniform((0.2, 0.2), (9.8, 5.8), (200, 2, 2)):
+        worst = leg_room(roadmap.distance, 1 / STEP, *a, *b)
+        for room in (worst, np.nextafter(worst, 9.0), 0.3):
+            assert leg_keeps(roadmap.distance, 1 / STEP, *a, *b, room) == (worst >= room)
+
+
+def test_a_leg_is_given_up_at_its_first_wall(
+    roadmap: Roadmap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Long ways among many walls try thousands of legs; most end right away."""
+    looked: list[float] = []
+
+    def sample(distance: np.ndarray, scale: float, x: float, y: float) -> float:
+        looked.append(x)
+        return float(sample_field(distance, scale, x, y))
+
+    monkeypatch.setattr(paths, "sample_field", sample)
+    leg = (5.5, 2.0, 11.5, 2.0)  # the wall is at 6
+    assert not leg_keeps.py_func(roadmap.distance, 1 / STEP, *leg, 0.3)
+    assert 3 <= len(looked) <= 8 and max(looked) < 6.0
 
 
 def test_a_straight_way_needs_its_ends_only(roadmap) -> None:

@@ -7,7 +7,15 @@ from hypothesis import strategies as st
 
 from lndrl.errors import UserError
 from lndrl.world.orca import linear_program_2, linear_program_3, orca_velocity
-from lndrl.world.orca_walls import build_walls, near_edges, tile_of, wall_lines
+from lndrl.world.orca_walls import (
+    Walls,
+    build_walls,
+    near_edges,
+    tile_boxes,
+    tile_of,
+    wall_edges,
+    wall_lines,
+)
 
 SQUARE = np.array([(2.0, -1.0), (4.0, -1.0), (4.0, 1.0), (2.0, 1.0)])
 SPEED, RADIUS, HORIZON = 0.5, 0.2, 5.0
@@ -128,3 +136,48 @@ def test_a_pair_of_agents_mirrors_itself():
 def test_outlines_that_enclose_nothing_are_refused(outline):
     with pytest.raises(UserError, match="outline 1: "):
         build_walls([SQUARE, np.array(outline)], REACH)
+
+
+def members_of_all_distances(
+    edges: np.ndarray, walls: Walls, reach: float
+) -> tuple[list[int], list[int]]:
+    """``members`` and ``starts`` as a look at every edge from every tile gives them."""
+    starts, members = [0], list[int]()
+    for tile in range(walls.rows * walls.columns):
+        row, column = divmod(tile, walls.columns)
+        middle = np.array([walls.left, walls.bottom]) + 0.5 + [column, row]
+        offset = middle - edges[:, :2]
+        along = (offset * edges[:, 4:6]).sum(axis=1).clip(0.0, edges[:, 12])
+        apart = np.hypot(*(offset - along[:, None] * edges[:, 4:6]).T)
+        members += np.flatnonzero(apart <= reach + np.sqrt(0.5) + 1e-6).tolist()
+        starts.append(len(members))
+    return members, starts
+
+
+@given(st.integers(0, 10_000))
+def test_tiles_hold_the_edges_that_a_look_at_all_of_them_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    outlines = [rng.uniform(-9, 9, 2) + rng.uniform(-5, 5, (rng.integers(2, 7), 2)) for _ in "four"]
+    reach = float(rng.choice([REACH, RADIUS]))
+    walls = build_walls(outlines, reach)
+    members, starts = members_of_all_distances(walls.edges, walls, reach)
+    assert walls.members.tolist() == members and walls.starts.tolist() == starts
+
+
+def speckles(side: float) -> list[np.ndarray]:
+    """Cells of 5 cm, one in every square metre of a hall, as SLAM leaves them."""
+    cell = 0.05 * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    return [cell + np.array([x, y]) for x in np.arange(0.5, side) for y in np.arange(0.5, side)]
+
+
+def test_an_edge_is_looked_at_from_the_tiles_in_its_reach_only() -> None:
+    """So a hall of four times the speckles costs four times as much, not sixteen times."""
+    for side in (20.0, 40.0):
+        edges = wall_edges(speckles(side))
+        walls = build_walls(speckles(side), REACH)
+        far = REACH + np.sqrt(0.5) + 1e-6
+        corner = np.array([walls.left, walls.bottom])
+        boxes = tile_boxes(edges, far, corner, walls.rows, walls.columns)
+        looks = ((boxes[:, 2:] - boxes[:, :2] + 1).prod(axis=1)).sum()
+        assert len(walls.members) <= looks <= len(edges) * (2 * far + 0.05 + 1.0) ** 2
+        assert looks < 1.6 * len(walls.members)

@@ -1,9 +1,12 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
 from lndrl.config import WorldConfig, load_scenario
 from lndrl.scenario import Scenario
-from lndrl.world import Place, World
+from lndrl.world import Place, World, WorldBatch
+from lndrl.world import place as place_module
 
 
 @pytest.fixture(scope="module")
@@ -152,3 +155,24 @@ def test_a_leg_is_a_collision_with_a_pedestrian(place):
     hit = world.collided_with
     world.reset(1, 0, 1)
     assert (hit, world.collided_with) == ("pedestrian", "")
+
+
+def test_walls_are_made_once_per_place_not_once_per_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a second of a process with a large map, and memory for every batch."""
+    place = Place.build(load_scenario("hall"))
+    made: list[str] = []
+    for name in ("wall_edges", "index_edges"):
+        real = getattr(place_module, name)
+
+        def counted(*args: Any, name: str = name, real: Any = real) -> Any:
+            made.append(name)
+            return real(*args)
+
+        monkeypatch.setattr(place_module, name, counted)
+    batches = [WorldBatch(place, WorldConfig(), worlds) for worlds in (1, 2, 3)]
+    assert made == ["wall_edges", "index_edges", "index_edges"]  # people's reach, the robot's
+    first = batches[0].setting
+    for other in (batch.setting for batch in batches[1:]):
+        assert other.solid.members is first.solid.members
+        assert other.surroundings.walls.members is first.surroundings.walls.members
+    assert first.solid.edges is first.surroundings.walls.edges
