@@ -108,6 +108,8 @@ class Learner:
         self._failures = 0
         where = f"from step {self.counters.steps:,}" if resume else begin
         self.events.add("start", f"run {self.folder.run_id} {where}")
+        for note in config.scenario.map_notes:
+            self.events.add("map", note)
         if chosen is not None:
             self._take_up(chosen, books)
         self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)

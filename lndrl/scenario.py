@@ -95,6 +95,9 @@ class MapCells(Model):
         description="base64 of deflated bytes: 0 free, 1 occupied, 2 unknown, 3 where the image "
         "ends beside floor"
     )
+    notes: Annotated[list[str], LATER] = Field(
+        default_factory=list, description="what its owner should know of how the map was read"
+    )
 
 
 class Mix(Model):
@@ -170,6 +173,11 @@ class Scenario(Model):
         description="least and most start-goal distance (m); pairs are redrawn. Default: any for "
         "geometry, 11 to 13 for random layouts, and for maps as near to that as they offer",
     )
+
+    @property
+    def map_notes(self) -> tuple[str, ...]:
+        """What the map's owner should know of how it was read; nothing of other kinds."""
+        return tuple(self.cells.notes) if self.cells is not None else ()
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Scenario:

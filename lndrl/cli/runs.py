@@ -6,11 +6,11 @@ Nothing is created here; the learner makes the folder once it holds its port.
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
+from lndrl.cli.notes import say_notes
 from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.scenario import BLOCKS
@@ -44,17 +44,19 @@ def choose_run(
 def _check_place(config: RunConfig) -> None:
     """Refuse a scenario that no episode can start in, before anything is written.
 
-    Layouts of a generator of one's own are the actors' business: the learner does not import it.
+    Says what its place's notes say. Layouts of a generator of one's own are the actors' business:
+    the learner does not import it.
     """
     if config.scenario.random is not None and config.scenario.random.generator != BLOCKS:
         return
     from lndrl.world import Place
 
-    Place.build(
+    place = Place.build(
         config.scenario,
         config.world.robot_radius,
         arrive_distance=config.task.arrive_distance,
     )
+    say_notes(place.notes)
 
 
 def _new(config_name: str, name: str | None, overrides: Sequence[str]) -> tuple[RunConfig, Path]:
@@ -79,7 +81,7 @@ def _resumed(
     if config_name is not None:
         given, kept = load_config(config_name), load_config(own)
         if given.content_hash() != kept.content_hash():
-            print(f"note: {folder} goes on with its own {own}, not {config_name}", file=sys.stderr)
+            say_notes([f"{folder} goes on with its own {own}, not {config_name}"])
     return load_config(own, list(overrides)), folder
 
 

@@ -24,9 +24,10 @@ def with_map(scenario: Scenario, folder: Path | None = None) -> Scenario:
     if scenario.kind != "map" or scenario.cells is not None:
         return scenario
     assert scenario.map is not None  # the model has seen to it
-    grid = load_ros_map((folder or Path()) / scenario.map)
+    grid, notes = load_ros_map((folder or Path()) / scenario.map)
+    cells = pack(grid).model_copy(update={"notes": list(notes)})
     return scenario.model_copy(
-        update={"cells": pack(grid), "resolution": grid.resolution, "size": grid.size}
+        update={"cells": cells, "resolution": grid.resolution, "size": grid.size}
     )
 
 

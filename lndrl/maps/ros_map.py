@@ -4,8 +4,15 @@ The image's first row is the top (highest y); ``origin`` is the pose [x, y, yaw]
 corner of the lower left pixel. A pixel's occupancy is ``p = (255 - value) / 255``, with ``negate``
 ``value / 255``; mode ``raw`` holds percent instead, ``value / 100``, over 100 unknown. Above
 ``occupied_thresh`` a cell is solid, below ``free_thresh`` it is floor, between them unknown, as is
-a transparent pixel in mode ``scale``. (map_server grades the cells between the thresholds in modes
-scale and raw; its localization then takes every grade for unknown, so here they are that at once.)
+a pixel that is not opaque in modes trinary and scale. (map_server grades the cells between the
+thresholds in mode scale, and all in mode raw; its localization then takes every grade for unknown,
+so here cells between the thresholds are that at once.)
+
+Where map servers differ, this reads as nav2 does since May 2025 (Jazzy and later):
+map_server of ROS 1 and nav2 before average alpha with the colours in mode trinary, so that opaque
+grey 205 is floor and black alone is no longer sure to be wall; ROS 1 obeys ``negate`` in mode raw.
+Colours count by their mean, as in those; nav2 now weighs them by brightness. ``RosMap.notes`` say
+where that matters.
 
 What simulation needs beyond that: a map with a yaw is sampled anew, cell by cell, into a grid
 along the map frame's axes; everything beyond the known cells is cut off; and where floor meets
@@ -16,7 +23,7 @@ and nobody may leave the map.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +32,14 @@ from pydantic import ConfigDict, Field, model_validator
 
 from lndrl.errors import UserError
 from lndrl.maps.grid import OccupancyGrid
+from lndrl.maps.map_image import Pixels, read_image
 from lndrl.models import Model, Positive, Probability, load_yaml, validate
-from lndrl.scenario import MOST_CELLS
 
 FREE, OCCUPIED, UNKNOWN, BEYOND = 0, 1, 2, 3  # the last: outside the image
 Cells = NDArray[np.uint8]
+
+_SAVED_UNKNOWN = 205.0  # what map_saver writes, of ROS 1 and 2; p = 0.196
+_WORTH_SAYING = 0.001  # share of the pixels
 
 
 class MapFile(Model):
@@ -55,8 +65,15 @@ class MapFile(Model):
         return self
 
 
-def load_ros_map(path: Path | str) -> OccupancyGrid:
-    """Read the map that the YAML file ``path`` describes; the grid lies in the map frame.
+class RosMap(NamedTuple):
+    """A map as it was read: ``grid`` in the map frame; ``notes`` are sentences for its owner."""
+
+    grid: OccupancyGrid
+    notes: tuple[str, ...]
+
+
+def load_ros_map(path: Path | str) -> RosMap:
+    """Read the map that the YAML file ``path`` describes.
 
     Raises UserError naming the file: missing or unreadable, keys missing, thresholds out of
     order, an image that is damaged or of another size than it says, no free cell.
@@ -64,9 +81,10 @@ def load_ros_map(path: Path | str) -> OccupancyGrid:
     path = Path(path)
     about = validate(MapFile, load_yaml(path), str(path))
     image = path.parent / about.image
-    values, opaque = _read_image(image, path)
-    cells = classify(values, opaque, about)[::-1]  # row 0 is the lowest y
-    cells, origin = _along_the_axes(cells, about)
+    pixels = read_image(image, path)
+    cells = classify(pixels, about)
+    notes = _notes(pixels, cells, about, path.name)
+    cells, origin = _along_the_axes(cells[::-1], about)  # row 0 is the lowest y
     known = cells < UNKNOWN
     if not (cells == FREE).any():
         raise UserError(
@@ -79,7 +97,7 @@ def load_ros_map(path: Path | str) -> OccupancyGrid:
     ring = ring[bottom : rows[-1] + 3, left : columns[-1] + 3]
     cells = cells[bottom : rows[-1] + 1, left : columns[-1] + 1]
     origin = (origin[0] + left * about.resolution, origin[1] + bottom * about.resolution)
-    return grid_of_cells(cells, about.resolution, origin, ring)
+    return RosMap(grid_of_cells(cells, about.resolution, origin, ring), notes)
 
 
 def grid_of_cells(
@@ -111,76 +129,50 @@ def grid_of_cells(
     )
 
 
-def classify(values: NDArray[np.float64], opaque: NDArray[np.bool_], about: MapFile) -> Cells:
-    """FREE, OCCUPIED or UNKNOWN for pixel ``values`` (0 to 255) of the same shape."""
-    if about.negate == (about.mode != "raw"):
-        shade = values
-    else:
-        shade = 255.0 - values
-    occupancy = shade / (100.0 if about.mode == "raw" else 255.0)
-    cells = np.full(values.shape, UNKNOWN, np.uint8)
+def classify(pixels: Pixels, about: MapFile) -> Cells:
+    """FREE, OCCUPIED or UNKNOWN for each of ``pixels``."""
+    occupancy = _occupancy(pixels.shade, about)
+    cells = np.full(occupancy.shape, UNKNOWN, np.uint8)
     cells[occupancy > about.occupied_thresh] = OCCUPIED
     cells[occupancy < about.free_thresh] = FREE
     if about.mode == "raw":
         cells[occupancy > 1.0] = UNKNOWN
-    if about.mode == "scale":
-        cells[~opaque] = UNKNOWN
+    elif pixels.alpha is not None:
+        cells[pixels.alpha < 255.0] = UNKNOWN
     return cells
 
 
-def _read_image(image: Path, path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Grey values in [0, 255] and which pixels are opaque, row 0 on top."""
-    try:
-        with Image.open(image) as opened:
-            if opened.size[0] * opened.size[1] > MOST_CELLS:
-                raise UserError(
-                    f"{image}: {opened.size[0]} x {opened.size[1]} pixels are more than "
-                    f"{MOST_CELLS:.0e}; cut the map or make it coarser"
-                )
-            _check_length(opened, image)
-            opened.load()
-            return _grey(opened)
-    except FileNotFoundError:
-        raise UserError(f"{image}: no such file; {path} names it as its image") from None
-    except Image.DecompressionBombError:
-        raise UserError(f"{image}: more pixels than can be read; cut the map") from None
-    except (OSError, ValueError, SyntaxError) as error:
-        raise UserError(
-            f"{image}: is not a whole PGM or PNG image of the size it says ({error})"
-        ) from None
+def _occupancy(shade: NDArray[np.float64], about: MapFile) -> NDArray[np.float64]:
+    """0 floor to 1 wall; above 1 unknown."""
+    if about.mode == "raw":
+        return shade / 100.0
+    return (shade if about.negate else 255.0 - shade) / 255.0
 
 
-def _check_length(opened: Image.Image, image: Path) -> None:
-    """Refuse a binary PGM with more or fewer bytes than its header asks for."""
-    tile = getattr(opened, "tile", None)
-    if opened.format != "PPM" or not tile or image.read_bytes()[:2] != b"P5":
-        return
-    start = tile[0][2]  # where the pixels begin
-    wide = 2 if opened.mode.startswith("I") else 1
-    columns, rows = opened.size
-    held, asked = image.stat().st_size - start, columns * rows * wide
-    if held != asked:
-        raise UserError(
-            f"{image}: holds {held} bytes of pixels, but its header says {columns} x {rows}, "
-            f"which needs {asked}"
+def _notes(pixels: Pixels, cells: Cells, about: MapFile, name: str) -> tuple[str, ...]:
+    """Where this reading may not be what is meant, or another map server's, and what helps."""
+    if about.mode == "raw":
+        if not about.negate:
+            return ()
+        return (
+            f"{name}: mode raw takes no notice of negate, as in ROS 2; ROS 1 takes 255 - value",
         )
-
-
-def _grey(opened: Image.Image) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    if opened.mode == "P" or "transparency" in opened.info:
-        opened = opened.convert("RGBA")
-    values: NDArray[Any] = np.asarray(opened)
-    if values.dtype == np.bool_:
-        values = values * 255.0
-    elif opened.mode.startswith("I"):
-        values = values * (255.0 / 65535.0)
-    opaque = np.ones(values.shape[:2], np.bool_)
-    if values.ndim == 3:
-        if opened.mode in ("LA", "RGBA"):
-            opaque = values[..., -1] == 255
-            values = values[..., :-1]
-        values = values.mean(axis=2)
-    return values.astype(np.float64), opaque
+    notes = []
+    floor = float(((np.abs(pixels.shade - _SAVED_UNKNOWN) < 1e-6) & (cells == FREE)).mean())
+    if floor >= _WORTH_SAYING:
+        notes.append(
+            f"{name}: free_thresh {about.free_thresh:g} makes floor of grey 205, {floor:.1%} of "
+            f"{about.image}; map_saver writes it for unknown, and free_thresh: 0.196 keeps it that"
+        )
+    if about.mode == "trinary" and pixels.alpha is not None:
+        averaged = Pixels(0.75 * pixels.shade + 0.25 * pixels.alpha, None)
+        other = float((classify(averaged, about) != cells).mean())
+        if other >= _WORTH_SAYING:
+            notes.append(
+                f"{name}: ROS 1, and ROS 2 before May 2025, average alpha with the colours and "
+                f"read {other:.1%} of {about.image} otherwise; without alpha all read the same"
+            )
+    return tuple(notes)
 
 
 def _along_the_axes(cells: Cells, about: MapFile) -> tuple[Cells, tuple[float, float]]:

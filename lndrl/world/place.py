@@ -113,6 +113,7 @@ class Place:
         notes: tuple[str, ...] = ()
         if scenario.kind == "map":
             scenario, notes = _furnished(scenario, grid, distance, regions, radius, origin)
+            notes = (*scenario.map_notes, *notes)
         cells = clearance(distance, grid.resolution)
         place = cls(
             scenario,

@@ -12,7 +12,7 @@ import pytest
 
 from learner.learner import Learner
 from learner.status import snapshot
-from lndrl.config import RunConfig, load_config
+from lndrl.config import RunConfig, load_config, load_scenario
 from lndrl.errors import UserError
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
@@ -68,6 +68,18 @@ def start(tmp_path: Path):
     yield make
     for run in runs:
         run.learner.close()
+
+
+def test_notes_of_the_map_are_events(tmp_path: Path) -> None:
+    """Nobody may be at the terminal where the run was started."""
+    office = load_scenario("office")
+    assert office.cells is not None
+    cells = office.cells.model_copy(update={"notes": ["office.yaml: grey 205 is floor"]})
+    scenario = office.model_copy(update={"cells": cells})
+    run = Run(small_config().model_copy(update={"scenario": scenario}), tmp_path / "run")
+    run.close()
+    said = run.learner.folder.events.read_text()
+    assert " map        office.yaml: grey 205 is floor\n" in said
 
 
 def test_an_update_publishes_the_next_version_and_records(start) -> None:

@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from lndrl.cli.notes import say_notes
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
+    from lndrl.config import RunConfig
     from lndrl.evaluation import EvaluationResult
     from lndrl.navigation import EpisodeRecord
+    from lndrl.planners import PlannerSource
 
 Localization = Literal["amcl", "perfect"]
 
@@ -66,9 +69,11 @@ def evaluate(
         raise UserError("--planner-set goes with a planner of your own, e.g. my_package:Planner")
     own = own_metrics(metric or [])
     count = len(os.sched_getaffinity(0)) if workers is None else workers
+    chosen = [_choose(each, settings, scenario, localization) for each in planners]
+    say_notes(note for _, config in chosen for note in config.scenario.map_notes)
     results = [
-        _evaluate_one(each, settings, scenario, episodes, seed, count, greedy, localization)
-        for each in planners
+        _evaluate_one(each, source, config, episodes, seed, count, greedy)
+        for each, (source, config) in zip(planners, chosen, strict=True)
     ]
     results = [add_metrics(result, own) for result in results]
     if json:
@@ -93,23 +98,31 @@ def _check(episodes: int, seed: int, workers: int | None) -> None:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
 
 
-def _evaluate_one(
+def _choose(
     planner: str,
     settings: dict[str, Any],
     scenario: str | None,
+    localization: Localization | None,
+) -> tuple[PlannerSource, RunConfig]:
+    from lndrl.evaluation import settings_for
+    from lndrl.planners import is_own_planner, planner_source
+
+    source = planner_source(planner, settings if is_own_planner(planner) else None)
+    return source, settings_for(source, scenario, localization)
+
+
+def _evaluate_one(
+    planner: str,
+    source: PlannerSource,
+    config: RunConfig,
     episodes: int,
     seed: int,
     workers: int,
     greedy: bool,
-    localization: Localization | None,
 ) -> EvaluationResult:
     from lndrl.evaluation import evaluate as run_evaluation
-    from lndrl.evaluation import settings_for
-    from lndrl.planners import is_own_planner, planner_source
     from lndrl.view.progress import progress_bar
 
-    source = planner_source(planner, settings if is_own_planner(planner) else None)
-    config = settings_for(source, scenario, localization)
     title = f"{Path(planner).name} on {config.scenario.name}"
     arrived = 0
     with progress_bar(episodes, title, "episodes") as advance:

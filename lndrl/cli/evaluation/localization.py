@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
 
@@ -60,6 +61,7 @@ def localization(
         check_document(out)
     plan = _plan(scenarios, seeds, pedestrians, settings, updates)
     count = len(os.sched_getaffinity(0)) if workers is None else workers
+    say_notes(note for scenario in plan.scenarios for note in scenario.map_notes)
     report = _measure(plan, count)
     if out is not None:
         _write(report, out)

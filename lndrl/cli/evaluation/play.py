@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.notes import say_notes
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
 from lndrl.errors import UserError
 
@@ -49,6 +50,7 @@ def play(
 
     source = planner_source(planner, part_settings(planner_set, "--planner-set"))
     config = settings_for(source, scenario).model_copy(update={"seed": seed})
+    say_notes(config.scenario.map_notes)
     animated = out.suffix.lower() == ".gif"
     if animated and at is not None:
         raise UserError("--at goes with a .png; a .gif shows all moments")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lndrl.cli.completion import complete_scenario
+from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, check_picture, trust
 from lndrl.errors import UserError
 
@@ -82,9 +83,7 @@ def _one(name: str, out: Path | None, layout: int, json: bool) -> None:
             f"{len(place.scenario.pedestrians.routes)} routes of pedestrians; "
             f"--out {scenario.name}.png draws them, --json lists them"
         )
-    if not json:
-        for note in place.notes:
-            typer.echo(f"note: {note}")
+    say_notes(place.notes)
     if out is not None:
         _draw(place, out, scenario, quiet=json)
 

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
-from lndrl.config import RunConfig, load_config, load_scenario, parse_config
+from lndrl.cli.main import run
+from lndrl.cli.runs import choose_run
+from lndrl.config import (
+    REPOSITORY_CONFIGS,
+    RunConfig,
+    load_config,
+    load_scenario,
+    parse_config,
+)
 from lndrl.errors import UserError
 from lndrl.maps.embedded import pack, unpack, with_map
 from lndrl.maps.ros_map import BEYOND, grid_of_cells
+from lndrl.models import effective
 from lndrl.scenario import Scenario
+from lndrl.world import Place
 
 
 @settings(max_examples=30, deadline=None)
@@ -55,3 +68,45 @@ def test_damaged_cells_are_refused() -> None:
 def test_other_scenarios_stay_as_they_are() -> None:
     hybrid = load_scenario("hybrid")
     assert with_map(hybrid) is hybrid
+
+
+def saved_by_nav2(folder: Path) -> Path:
+    """A scenario of a hall, unknown around, as nav2's saver wrote maps before June 2025."""
+    image = np.full((240, 400), 205, np.uint8)
+    image[10:-10, 10:-10] = 0
+    image[13:-13, 13:-13] = 254
+    Image.fromarray(image).save(folder / "hall.pgm")
+    (folder / "hall.yaml").write_text(
+        "image: hall.pgm\nmode: trinary\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    )
+    path = folder / "hall-scenario.yaml"
+    path.write_text("name: hall\nkind: map\nmap: hall.yaml\npedestrians: {count: [0, 0]}\n")
+    return path
+
+
+def test_notes_of_a_map_travel_with_it_to_places_and_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = saved_by_nav2(tmp_path)
+    scenario = load_scenario(str(path))
+    (note,) = scenario.map_notes
+    assert "free_thresh 0.25 makes floor of grey 205, 12.9% of hall.pgm" in note
+    sent = parse_config(RunConfig(scenario=scenario).model_dump(mode="json"), "a message")
+    assert Place.build(sent.scenario).notes[0] == note
+    for command in (
+        ["scenarios", str(path)],
+        ["evaluate", "straight", "random", "--scenario", str(path), "--episodes", "1",
+         "--workers", "0"],
+    ):  # fmt: skip
+        assert run(command) == 0
+        assert capsys.readouterr().err.count(f"note: {note}\n") == 1
+    small = load_config(REPOSITORY_CONFIGS / "lndrl.yaml", [f"scenario={path}"])
+    (tmp_path / "run.yaml").write_text(small.to_yaml())
+    choose_run(tmp_path / "run.yaml", "a", False, [])
+    assert f"note: {note}\n" in capsys.readouterr().err
+
+
+def test_a_map_without_notes_is_hashed_as_before_there_were_any() -> None:
+    cells = load_scenario("office").cells
+    assert cells is not None and "notes" not in effective(cells)

@@ -11,7 +11,19 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from lndrl.errors import UserError
-from lndrl.maps.ros_map import FREE, OCCUPIED, UNKNOWN, grid_of_cells, load_ros_map
+from lndrl.maps.grid import OccupancyGrid
+from lndrl.maps.map_image import read_image
+from lndrl.maps.ros_map import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Cells,
+    MapFile,
+    classify,
+    grid_of_cells,
+    load_ros_map,
+)
+from lndrl.models import load_yaml, validate
 
 KEYS = {
     "image": "hall.pgm",
@@ -53,6 +65,10 @@ def write_map(folder: Path, values: np.ndarray | None = None, **changes: object)
     return path
 
 
+def read(path: Path) -> OccupancyGrid:
+    return load_ros_map(path).grid
+
+
 def refusal(path: Path) -> str:
     with pytest.raises(UserError) as caught:
         load_ros_map(path)
@@ -60,7 +76,7 @@ def refusal(path: Path) -> str:
 
 
 def test_first_row_is_the_top_and_origin_is_the_lower_left(tmp_path) -> None:
-    grid = load_ros_map(write_map(tmp_path, hall()))
+    grid = read(write_map(tmp_path, hall()))
     assert grid.shape == (40, 60) and grid.resolution == 0.1
     assert grid.origin == pytest.approx((-2.0, 3.0))
     block = [grid.occupied[grid.index(-2.0 + x, 3.0 + y)] for x, y in ((0.55, 0.55), (1.45, 0.95))]
@@ -70,7 +86,7 @@ def test_first_row_is_the_top_and_origin_is_the_lower_left(tmp_path) -> None:
 
 
 def test_unknown_is_no_floor_and_its_rim_is_a_wall(tmp_path) -> None:
-    grid = load_ros_map(write_map(tmp_path, hall()))
+    grid = read(write_map(tmp_path, hall()))
     assert grid.unknown is not None
     inside = grid.index(-2.0 + 5.45, 3.0 + 2.5)
     rim = grid.index(-2.0 + 5.05, 3.0 + 2.5)
@@ -82,10 +98,10 @@ def test_unknown_is_no_floor_and_its_rim_is_a_wall(tmp_path) -> None:
 @pytest.mark.parametrize("kind", ["P2", "P5"])
 @pytest.mark.parametrize("most", [255, 65535])
 def test_all_kinds_of_pgm_read_the_same(tmp_path, kind, most) -> None:
-    expected = load_ros_map(write_map(tmp_path, hall()))
+    expected = read(write_map(tmp_path, hall()))
     image = hall().astype(np.int64) * (257 if most > 255 else 1)
     write_pgm(tmp_path / "hall.pgm", image, kind, most)
-    grid = load_ros_map(tmp_path / "hall.yaml")
+    grid = read(tmp_path / "hall.yaml")
     assert (grid.occupied == expected.occupied).all()
     assert grid.unknown is not None and expected.unknown is not None
     assert (grid.unknown == expected.unknown).all()
@@ -93,21 +109,21 @@ def test_all_kinds_of_pgm_read_the_same(tmp_path, kind, most) -> None:
 
 @pytest.mark.parametrize("mode", ["L", "RGB", "LA", "RGBA", "P", "I;16"])
 def test_png_in_every_mode(tmp_path, mode) -> None:
-    expected = load_ros_map(write_map(tmp_path, hall()))
+    expected = read(write_map(tmp_path, hall()))
     picture = Image.fromarray(hall())
     if mode == "I;16":
         picture = Image.fromarray(hall().astype(np.uint16) * 257)
     else:
         picture = picture.convert(mode)
     picture.save(tmp_path / "hall.png")
-    grid = load_ros_map(write_map(tmp_path, image="hall.png"))
+    grid = read(write_map(tmp_path, image="hall.png"))
     assert (grid.occupied == expected.occupied).all()
 
 
 def test_negate_swaps_floor_and_wall(tmp_path) -> None:
-    expected = load_ros_map(write_map(tmp_path, hall()))
+    expected = read(write_map(tmp_path, hall()))
     write_pgm(tmp_path / "hall.pgm", 255 - hall())
-    grid = load_ros_map(write_map(tmp_path, None, negate=1))
+    grid = read(write_map(tmp_path, None, negate=1))
     assert (grid.occupied == expected.occupied).all()
 
 
@@ -127,37 +143,90 @@ def test_thresholds_decide_in_trinary_mode(tmp_path) -> None:
     ]
 
 
-def test_raw_mode_holds_percent(tmp_path) -> None:
+@pytest.mark.parametrize("negate", [0, 1])
+def test_raw_mode_holds_percent_whatever_negate_says(tmp_path: Path, negate: int) -> None:
     image = np.zeros((40, 60), np.uint8)
     image[[0, -1]] = 100
     image[:, [0, -1]] = 100
     image[20, 20:26] = [0, 19, 40, 66, 100, 255]
-    cells = _cells(write_map(tmp_path, image, mode="raw"))
-    assert cells[19, 20:26].tolist() == [FREE, FREE, UNKNOWN, OCCUPIED, OCCUPIED, UNKNOWN]
+    path = write_map(tmp_path, image, mode="raw", negate=negate)
+    assert _cells(path)[19, 20:26].tolist() == [FREE, FREE, UNKNOWN, OCCUPIED, OCCUPIED, UNKNOWN]
+    notes = load_ros_map(path).notes
+    assert len(notes) == negate
+    assert all("hall.yaml: mode raw takes no notice of negate, as in ROS 2" in n for n in notes)
 
 
-def test_transparent_pixels_are_unknown_in_scale_mode_only(tmp_path) -> None:
+@pytest.mark.parametrize("mode", ["trinary", "scale"])
+def test_a_pixel_that_is_not_opaque_is_unknown(tmp_path: Path, mode: str) -> None:
     picture = np.dstack([hall(), hall(), hall(), np.full_like(hall(), 255)])
-    picture[20, 20, 3] = 0
+    picture[20, 20:23, 3] = [0, 254, 255]
     Image.fromarray(picture).save(tmp_path / "hall.png")
-    assert _cells(write_map(tmp_path, image="hall.png"))[19, 20] == FREE
-    assert _cells(write_map(tmp_path, image="hall.png", mode="scale"))[19, 20] == UNKNOWN
+    cells = _cells(write_map(tmp_path, image="hall.png", mode=mode))
+    assert cells[19, 20:23].tolist() == [UNKNOWN, UNKNOWN, FREE]
 
 
-def _cells(path: Path) -> np.ndarray:
+def test_transparency_does_not_matter_in_raw_mode(tmp_path: Path) -> None:
+    picture = np.dstack([np.full((40, 60), 100, np.uint8)] * 3 + [np.zeros((40, 60), np.uint8)])
+    picture[1:-1, 1:-1, :3] = 0
+    Image.fromarray(picture).save(tmp_path / "hall.png")
+    cells = _cells(write_map(tmp_path, image="hall.png", mode="raw"))
+    assert (cells[1:-1, 1:-1] == FREE).all() and (cells[0] == OCCUPIED).all()
+
+
+def test_a_16_bit_image_with_a_transparent_colour_keeps_its_walls(tmp_path: Path) -> None:
+    """Pillow makes everything brighter than 254 of 65,535 white when asked for its alpha."""
+    image = hall().astype(np.uint16) * 257
+    image[image == 0] = 300  # a wall that is nearly black
+    Image.fromarray(image).save(tmp_path / "hall.png", transparency=65535)
+    grid = read(write_map(tmp_path, image="hall.png"))
+    expected = read(write_map(tmp_path, hall()))
+    assert (grid.occupied == expected.occupied).all()
+    assert (grid.mapped == expected.mapped).all()
+
+
+def test_where_servers_read_alpha_otherwise_the_share_is_told(tmp_path: Path) -> None:
+    """Mean of the four channels: 205 opaque is 217.5 and floor to them, here it is unknown."""
+    Image.fromarray(hall()).convert("RGBA").save(tmp_path / "hall.png")
+    path = write_map(tmp_path, image="hall.png")
+    (note,) = load_ros_map(path).notes
+    share = (hall() == 205).mean()
+    assert share == pytest.approx(90 / 2400)
+    assert "hall.yaml: ROS 1, and ROS 2 before May 2025, average alpha with the colours" in note
+    assert "read 3.8% of hall.png otherwise; without alpha all read the same" in note
+    Image.fromarray(hall()).save(tmp_path / "hall.png")
+    assert load_ros_map(path).notes == ()
+    opaque = np.where(hall() == 205, 254, hall())
+    Image.fromarray(opaque).convert("RGBA").save(tmp_path / "hall.png")
+    assert load_ros_map(path).notes == ()  # black, white and alpha: (0 + 255) / 4 is wall as well
+
+
+def test_unknown_that_a_threshold_makes_floor_is_told_with_share_and_remedy(
+    tmp_path: Path,
+) -> None:
+    """nav2's saver wrote free_thresh: 0.25 for years, and 205 (p = 0.196) for unknown."""
+    path = write_map(tmp_path, hall(), free_thresh=0.25)
+    grid, notes = load_ros_map(path)
+    assert grid.unknown is None  # as in ROS: it is floor
+    assert notes == (
+        "hall.yaml: free_thresh 0.25 makes floor of grey 205, 3.8% of hall.pgm; map_saver writes "
+        "it for unknown, and free_thresh: 0.196 keeps it that",
+    )
+    assert load_ros_map(write_map(tmp_path, hall(), free_thresh=0.196)).notes == ()
+    assert load_ros_map(write_map(tmp_path, hall() // 2 + 127, free_thresh=0.25)).notes == ()
+    write_pgm(tmp_path / "hall.pgm", hall().astype(np.int64) * 257, "P5", 65535)
+    assert load_ros_map(write_map(tmp_path, free_thresh=0.25)).notes == notes
+
+
+def _cells(path: Path) -> Cells:
     """Cells before the rims are closed."""
-    from lndrl.maps import ros_map
-    from lndrl.models import load_yaml, validate
-
-    about = validate(ros_map.MapFile, load_yaml(path), str(path))
-    values, opaque = ros_map._read_image(path.parent / about.image, path)
-    return ros_map.classify(values, opaque, about)[::-1]
+    about = validate(MapFile, load_yaml(path), str(path))
+    return classify(read_image(path.parent / about.image, path), about)[::-1]
 
 
 @pytest.mark.parametrize("yaw", [0.3, -1.2, np.pi / 2, np.pi, 2.5, 2 * np.pi + 0.3])
 def test_yaw_turns_the_map_about_its_origin(tmp_path, yaw) -> None:
-    straight = load_ros_map(write_map(tmp_path, hall()))
-    turned = load_ros_map(write_map(tmp_path, None, origin=[-2.0, 3.0, yaw]))
+    straight = read(write_map(tmp_path, hall()))
+    turned = read(write_map(tmp_path, None, origin=[-2.0, 3.0, yaw]))
     rng = np.random.default_rng(0)
     c, s = np.cos(yaw), np.sin(yaw)
     agree = 0
@@ -189,7 +258,7 @@ def test_nobody_leaves_a_map(seed, rows, columns, unknown) -> None:
 def test_what_lies_beyond_the_known_is_cut_off(tmp_path) -> None:
     image = np.full((100, 120), 205, np.uint8)
     image[20:60, 30:90] = hall()
-    grid = load_ros_map(write_map(tmp_path, image))
+    grid = read(write_map(tmp_path, image))
     assert grid.shape == (40, 60)
     assert grid.origin == pytest.approx((-2.0 + 3.0, 3.0 + 4.0))
 
