@@ -8,11 +8,10 @@ a pixel that is not opaque in modes trinary and scale. (map_server grades the ce
 thresholds in mode scale, and all in mode raw; its localization then takes every grade for unknown,
 so here cells between the thresholds are that at once.)
 
-Where map servers differ, this reads as nav2 does since May 2025 (Jazzy and later):
-map_server of ROS 1 and nav2 before average alpha with the colours in mode trinary, so that opaque
-grey 205 is floor and black alone is no longer sure to be wall; ROS 1 obeys ``negate`` in mode raw.
-Colours count by their mean, as in those; nav2 now weighs them by brightness. ``RosMap.notes`` say
-where that matters.
+Where map servers differ, this reads as nav2 of Jazzy (May 2025) and later: map_server of ROS 1 and
+nav2 up to Iron average alpha with the colours in mode trinary, so that opaque grey 205 is floor;
+ROS 1 obeys ``negate`` in mode raw. ``RosMap.notes`` say where that matters. Colours count by their
+mean, as in those; nav2 from Jazzy on weighs them by brightness.
 
 What simulation needs beyond that: a map with a yaw is sampled anew, cell by cell, into a grid
 along the map frame's axes; everything beyond the known cells is cut off; and where floor meets
@@ -169,7 +168,7 @@ def _notes(pixels: Pixels, cells: Cells, about: MapFile, name: str) -> tuple[str
         other = float((classify(averaged, about) != cells).mean())
         if other >= _WORTH_SAYING:
             notes.append(
-                f"{name}: ROS 1, and ROS 2 before May 2025, average alpha with the colours and "
+                f"{name}: ROS 1, and ROS 2 up to Iron, average alpha with the colours and "
                 f"read {other:.1%} of {about.image} otherwise; without alpha all read the same"
             )
     return tuple(notes)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.view.palette import BLUE, INK, PAPER, SKY, SLATE
 from lndrl.view.pictures.axes import quiet
+from lndrl.view.pictures.fitting import shortened
 from lndrl.view.pictures.world import (
     CLOSE_UP,
     View,
@@ -62,7 +63,7 @@ def activations_figure(activations: Activations, title: str = "") -> Figure:
     mean = activations.values.mean(axis=0)
     norm = Normalize(0.0, max(float(mean.max()), 1e-9))
     draw_scene(activations, scene, norm)
-    scene.set_title(title, loc="left", size=10.5, color=INK, pad=7)
+    scene.set_title(shortened(title, 10.5, side), loc="left", size=10.5, color=INK, pad=7)
     _colour_bar(figure, norm, (_LEFT / width, 0.72 / height, _SCENE, 0.11 / height))
     left, across = _SCENE + 1.1 / width, 0.985 - _SCENE - 1.8 / width
     scan = figure.add_axes((left, 4.35 / height, across, 1.6 / height))

@@ -26,6 +26,7 @@ from lndrl.view.palette import (
     VERMILLION,
 )
 from lndrl.view.pictures.axes import quiet
+from lndrl.view.pictures.fitting import shortened
 
 COLUMNS = {
     "update": "update",
@@ -134,6 +135,7 @@ def save_curves(rows: Sequence[Row], path: Path | str, title: str = "", dpi: int
     for axes in (large, figure.axes[-1]):
         axes.set_xlabel("environment steps", color=INK, size=9)
     if title:
+        title = shortened(title, 12, 0.98 * figure.get_figwidth())
         figure.suptitle(title, x=0.01, ha="left", size=12, color=INK)
     figure.savefig(path, dpi=dpi)
 

@@ -24,7 +24,14 @@ from lndrl.view.palette import (
     SERIES,
     WALL,
 )
-from lndrl.view.pictures.world import View, draw_world, legend_handles, world_figure
+from lndrl.view.pictures.fitting import add_legend
+from lndrl.view.pictures.world import (
+    LEGEND_STYLE,
+    View,
+    draw_world,
+    legend_handles,
+    world_figure,
+)
 
 FIGURE_WIDTH = 12.0
 COLOURS = 128
@@ -135,16 +142,7 @@ def save_strip(
             word = OUTCOME_WORD.get(moment.outcome, moment.outcome)
             colour = OUTCOME.get(moment.outcome, INK)
             axes.set_title(word, loc="right", size=10, color=colour, weight="bold", pad=4)
-    figure.legend(
-        handles=legend_handles(),
-        loc="lower center",
-        ncols=6,
-        frameon=False,
-        fontsize=9,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.8,
-    )
+    add_legend(figure, legend_handles(), 6, **LEGEND_STYLE)
     figure.savefig(path, dpi=dpi)
 
 

@@ -16,6 +16,7 @@ from PIL import Image
 
 from lndrl.view.palette import BLUE, GREEN, INK, ORANGE, PAPER, PINK, SKY, SLATE, VERMILLION
 from lndrl.view.pictures.axes import quiet
+from lndrl.view.pictures.fitting import shortened
 
 if TYPE_CHECKING:
     from lndrl.evaluation.localization import Outcome, Report
@@ -43,7 +44,8 @@ def save_localization(report: Report, path: Path | str, dpi: int = 100) -> None:
         _draw_drives(grid[0, column], outcomes, labels, report.plan.pedestrians)
         chosen = _typical(outcomes, labels[0], report.plan.pedestrians[-1])
         _draw_course(grid[1, column], chosen, labels, report)
-        grid[0, column].set_title(scenario, loc="left", size=11, color=INK, weight="bold")
+        name = shortened(scenario, 11, 0.9 * width / len(scenarios) - 0.2, "bold")
+        grid[0, column].set_title(name, loc="left", size=11, color=INK, weight="bold")
     grid[0, 0].set_ylabel("position RMSE of a drive (m)", size=9, color=INK)
     grid[1, 0].set_ylabel("position error (m)", size=9, color=INK)
     handles, names = grid[1, 0].get_legend_handles_labels()

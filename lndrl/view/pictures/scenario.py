@@ -22,12 +22,15 @@ from lndrl.localization import LikelihoodMap
 from lndrl.navigation import Navigation, WorldSnapshot
 from lndrl.scenario import Box, Route
 from lndrl.view.palette import GOAL, INK, LASER, LEG, PAPER, PERSON, SLATE, TRUTH
+from lndrl.view.pictures.fitting import add_legend, text_width, wrapped
 from lndrl.view.pictures.world import draw_floor, draw_laser, draw_people, draw_robot
 from lndrl.world import Place
 
 _LONGEST_SIDE = 9.0  # inches
 _MARGIN = 0.12  # inches
 _TICKS, _HEAD, _LEGEND = 0.35, 0.42, 0.40  # inches
+_NARROWEST = 3.4  # inches; a narrow place stands in the middle of them
+_TITLE, _LINE = 11, 0.21  # points, inches from line to line
 _LOOKS = 20
 _END = "-|>"
 
@@ -68,34 +71,28 @@ def draw_scenario(place: Place, snapshot: WorldSnapshot, axes: Axes) -> None:
 
 
 def scenario_figure(place: Place, title: str = "", episode: int = 0) -> Figure:
-    """A figure of ``place`` with title and legend; its longer side is 9 inches."""
+    """A figure of ``place`` with title and legend; the place's longer side is 9 inches."""
     snapshot = sample_start(place, episode=episode)
     width, height = place.grid.size
     scale = _LONGEST_SIDE / max(width, height * 1.2)
     across, up = width * scale, height * scale
-    size = (across + _TICKS + 2 * _MARGIN, up + _TICKS + _HEAD + _LEGEND)
-    figure = Figure(figsize=size, facecolor=PAPER)
+    wide = max(across + _TICKS + 2 * _MARGIN, _NARROWEST)
+    figure = Figure(figsize=(wide, _LONGEST_SIDE), facecolor=PAPER)
     FigureCanvasAgg(figure)
-    axes = figure.add_axes(
-        (
-            (_MARGIN + _TICKS) / size[0],
-            (_LEGEND + _TICKS) / size[1],
-            across / size[0],
-            up / size[1],
-        )
-    )
+    style = {"fontsize": 8.5, "labelcolor": INK, "handletextpad": 0.6, "columnspacing": 1.6}
+    legend = max(_LEGEND, add_legend(figure, _legend(), 5, **style))
+    left = max(_MARGIN + _TICKS, 0.5 * (wide - across))
+    title = title or place.scenario.name
+    beside = left + text_width(title, _TITLE) > wide - _MARGIN
+    lines = wrapped(title, _TITLE, wide - 2 * _MARGIN) if beside else title
+    head = _HEAD + _LINE * lines.count("\n")
+    tall = up + _TICKS + head + legend
+    figure.set_size_inches(wide, tall)
+    axes = figure.add_axes((left / wide, (legend + _TICKS) / tall, across / wide, up / tall))
     draw_scenario(place, snapshot, axes)
-    axes.set_title(title or place.scenario.name, loc="left", size=11, color=INK, pad=7)
-    figure.legend(
-        handles=_legend(),
-        loc="lower center",
-        ncols=5,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=INK,
-        handletextpad=0.6,
-        columnspacing=1.6,
-    )
+    words = axes.set_title(lines, loc="left", size=_TITLE, color=INK, pad=7)
+    if beside:
+        words.set_x((_MARGIN - left) / across)
     return figure
 
 

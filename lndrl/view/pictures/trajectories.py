@@ -31,6 +31,7 @@ from lndrl.view.palette import (
     VERMILLION,
 )
 from lndrl.view.pictures.axes import quiet
+from lndrl.view.pictures.fitting import add_legend, shortened
 from lndrl.view.pictures.world import draw_floor, draw_goal, draw_scale
 
 if TYPE_CHECKING:
@@ -59,11 +60,15 @@ def trajectories_figure(drives: Sequence[Drive]) -> Figure:
     inner = _COLUMN - _LEFT - _RIGHT
     map_height = max(inner * d.end.size[1] / d.end.size[0] for d in drives)
     rows = max(len(column) for column in columns.values())
-    charts = 2 * _CHART + _GAP + _AXIS + _LEGEND
-    height = _HEAD + map_height + rows * _ROW + 2 * _GAP + charts
     width = _COLUMN * len(columns)
-    figure = Figure(figsize=(width, height), facecolor=PAPER)
+    figure = Figure(figsize=(width, _COLUMN), facecolor=PAPER)
     FigureCanvasAgg(figure)
+    handles = _legend({drive.record.outcome for drive in drives})
+    style = {"fontsize": 8.5, "labelcolor": INK, "handletextpad": 0.4, "columnspacing": 1.1}
+    legend = max(_LEGEND, add_legend(figure, handles, 9, **style))
+    charts = 2 * _CHART + _GAP + _AXIS + legend
+    height = _HEAD + map_height + rows * _ROW + 2 * _GAP + charts
+    figure.set_size_inches(width, height)
     for i, ((scenario, episode), column) in enumerate(columns.items()):
 
         def place(bottom: float, tall: float, left: float = i * _COLUMN + _LEFT) -> Axes:
@@ -71,21 +76,12 @@ def trajectories_figure(drives: Sequence[Drive]) -> Figure:
 
         floor = place(height - _HEAD - map_height, map_height)
         draw_trajectories(column, floor, [colours[drive.method] for drive in column])
-        floor.set_title(f"{scenario}, episode {episode}", loc="left", size=11, color=INK, pad=6)
+        title = shortened(f"{scenario}, episode {episode}", 11, inner)
+        floor.set_title(title, loc="left", size=11, color=INK, pad=6)
         _name_methods(column, colours, floor, map_height)
-        position = place(_LEGEND + _AXIS + _CHART + _GAP, _CHART)
-        angle = place(_LEGEND + _AXIS, _CHART)
+        position = place(legend + _AXIS + _CHART + _GAP, _CHART)
+        angle = place(legend + _AXIS, _CHART)
         _draw_errors(column, colours, position, angle)
-    figure.legend(
-        handles=_legend({drive.record.outcome for drive in drives}),
-        loc="lower center",
-        ncols=9,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=INK,
-        handletextpad=0.4,
-        columnspacing=1.1,
-    )
     return figure
 
 
@@ -174,7 +170,7 @@ def _name_methods(
         axes.text(
             0.065,
             y,
-            f"{drive.method}: {drive.reason}",
+            shortened(f"{drive.method}: {drive.reason}", 9, 0.93 * (_COLUMN - _LEFT - _RIGHT)),
             transform=axes.transAxes,
             va="center",
             size=9,

@@ -39,6 +39,7 @@ from lndrl.view.palette import (
     TRUTH,
     WALL,
 )
+from lndrl.view.pictures.fitting import add_legend, shortened, text_width
 
 View = tuple[float, float, float, float]
 """x_min, x_max, y_min, y_max (m)."""
@@ -47,8 +48,15 @@ CLOSE_UP = 9.0
 """m, side of the square around the robot."""
 ARROW = 1.5
 """s, a person's arrow ends where they will be after so long."""
+LEGEND_STYLE: dict[str, Any] = {
+    "fontsize": 9,
+    "labelcolor": INK,
+    "handletextpad": 0.5,
+    "columnspacing": 1.8,
+}
 TICKED_PARTICLES = 600
 """Particles beyond this many are thinned: more ticks only blacken the picture."""
+_TITLE, _TITLE_GAP = 11, 0.15  # points, inches
 _HALO: list[patheffects.AbstractPathEffect] = [
     patheffects.withStroke(linewidth=2.5, foreground=PAPER)
 ]
@@ -293,13 +301,22 @@ def draw_scale(axes: Axes, view: View) -> None:
 
 
 def _draw_title(snapshot: WorldSnapshot, axes: Axes) -> None:
-    axes.set_title(
-        f"{snapshot.scenario}   {snapshot.time:.1f} s", loc="left", size=11, color=INK, pad=6
-    )
-    if snapshot.outcome:
-        word = OUTCOME_WORD.get(snapshot.outcome, snapshot.outcome)
+    """Place and time on the left, the outcome on the right, or behind where there is no room."""
+    word = OUTCOME_WORD.get(snapshot.outcome, snapshot.outcome)
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    wide, box = figure.get_figwidth(), axes.get_position()
+    outcome = _TITLE_GAP + text_width(word, _TITLE, "bold") if word else 0.0
+    room = wide * (1.0 - box.x0) - _TITLE_GAP - outcome
+    time = f"   {snapshot.time:.1f} s"
+    title = shortened(snapshot.scenario, _TITLE, room - text_width(time, _TITLE)) + time
+    axes.set_title(title, loc="left", size=_TITLE, color=INK, pad=6)
+    if word:
         colour = OUTCOME.get(snapshot.outcome, INK)
-        axes.set_title(word, loc="right", size=11, color=colour, weight="bold", pad=6)
+        style: dict[str, Any] = {"size": _TITLE, "color": colour, "weight": "bold", "pad": 6}
+        end = axes.set_title(word, loc="right", **style)
+        if text_width(title, _TITLE) + outcome > wide * box.width:
+            end.set(ha="left", x=(text_width(title, _TITLE) + _TITLE_GAP) / (wide * box.width))
 
 
 def legend_handles() -> list[Any]:
@@ -337,6 +354,7 @@ def world_figure(snapshot: WorldSnapshot, width: float = 12.0, close_up: bool = 
     room = width - 2 * margin
     # Both panels share one height: room = height / ratio + gap + height.
     map_height = (room - gap) / (1 / ratio + 1) if close_up else room * ratio
+    map_height = min(map_height, width)  # of a tall place alone
     height = map_height + legend + head
     figure = Figure(figsize=(width, height), facecolor=PAPER)
     FigureCanvasAgg(figure)
@@ -349,17 +367,7 @@ def world_figure(snapshot: WorldSnapshot, width: float = 12.0, close_up: bool = 
         side = min(CLOSE_UP, place_width, place_height)
         draw_world(snapshot, near, close_view(snapshot, side), title=False)
         _frame_view(figure.axes[0], close_view(snapshot, side))
-    figure.legend(
-        handles=legend_handles(),
-        loc="lower center",
-        bbox_to_anchor=(0.5, 0.0),
-        ncols=6,
-        frameon=False,
-        fontsize=9,
-        labelcolor=INK,
-        handletextpad=0.5,
-        columnspacing=1.8,
-    )
+    add_legend(figure, legend_handles(), 6, **LEGEND_STYLE)
     return figure
 
 

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from lndrl.view.palette import BELIEF_DARK, GOAL, INK, OUTCOME, PAPER, PERSON, SLATE, TRUTH
+from lndrl.view.pictures.fitting import add_legend, shortened
 from lndrl.view.pictures.trajectories import DASHES, draw_people_paths
 from lndrl.view.pictures.world import (
     View,
@@ -46,9 +47,12 @@ def worst_figure(panels: Sequence[Panel], title: str = "") -> Figure:
     columns = min(_COLUMNS, len(panels))
     rows = math.ceil(len(panels) / columns)
     width = columns * (_SIDE + _GAP) + _GAP
-    height = _TITLE + rows * (_HEAD + _SIDE + _GAP) + _LEGEND
-    figure = Figure(figsize=(width, height), facecolor=PAPER)
+    figure = Figure(figsize=(width, _SIDE), facecolor=PAPER)
     FigureCanvasAgg(figure)
+    style = {"fontsize": 8.5, "labelcolor": INK}
+    legend = max(_LEGEND, add_legend(figure, _legend(), 3 if columns < 3 else 6, **style))
+    height = _TITLE + rows * (_HEAD + _SIDE + _GAP) + legend
+    figure.set_size_inches(width, height)
     for i, panel in enumerate(panels):
         row, column = divmod(i, columns)
         left = _GAP + column * (_SIDE + _GAP)
@@ -57,16 +61,9 @@ def worst_figure(panels: Sequence[Panel], title: str = "") -> Figure:
         axes = figure.add_axes(box)
         draw_panel(panel, axes)
         _write_head(panel, axes, i + 1)
+    title = shortened(title, 11.5, width - 2 * _GAP, "bold")
     figure.text(
         _GAP / width, 1 - 0.22 / height, title, size=11.5, color=INK, va="center", weight="bold"
-    )
-    figure.legend(
-        handles=_legend(),
-        loc="lower center",
-        ncols=3 if columns < 3 else 6,
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=INK,
     )
     return figure
 
@@ -120,6 +117,7 @@ def _write_head(panel: Panel, axes: Axes, place: int) -> None:
         (0.09, panel.difference, INK, "normal"),
     )
     for up, text, colour, weight in words:
+        text = shortened(text, 8.5, _SIDE + _GAP, weight)
         axes.text(
             0.0, 1 + up / _SIDE, text, transform=axes.transAxes, va="center", size=8.5,
             color=colour, weight=weight,

@@ -71,7 +71,7 @@ def test_other_scenarios_stay_as_they_are() -> None:
 
 
 def saved_by_nav2(folder: Path) -> Path:
-    """A scenario of a hall, unknown around, as nav2's saver wrote maps before June 2025."""
+    """A scenario of a hall, unknown around, as nav2's saver wrote them for years."""
     image = np.full((240, 400), 205, np.uint8)
     image[10:-10, 10:-10] = 0
     image[13:-13, 13:-13] = 254

@@ -191,7 +191,7 @@ def test_where_servers_read_alpha_otherwise_the_share_is_told(tmp_path: Path) ->
     (note,) = load_ros_map(path).notes
     share = (hall() == 205).mean()
     assert share == pytest.approx(90 / 2400)
-    assert "hall.yaml: ROS 1, and ROS 2 before May 2025, average alpha with the colours" in note
+    assert "hall.yaml: ROS 1, and ROS 2 up to Iron, average alpha with the colours" in note
     assert "read 3.8% of hall.png otherwise; without alpha all read the same" in note
     Image.fromarray(hall()).save(tmp_path / "hall.png")
     assert load_ros_map(path).notes == ()

@@ -19,6 +19,7 @@ from lndrl.view.palette import OUTCOME
 from lndrl.view.pictures.activations import Activations, activations_figure, save_activations
 from lndrl.view.pictures.trajectories import METHODS, save_trajectories, trajectories_figure
 from lndrl.view.pictures.worst import Panel, save_worst, view_of, worst_figure
+from tests.lndrl.view.pictures.uncut import words_cut_off
 
 Make = Callable[..., Drive]
 
@@ -150,3 +151,13 @@ def test_pictures_are_written(drive: Make, world: Callable[..., Any], tmp_path: 
         assert (tmp_path / name).stat().st_size > 5_000
         with pytest.raises(OSError):
             save(tmp_path / "away" / name)
+
+
+def test_long_names_of_places_and_methods_are_not_cut_off(drive: Make) -> None:
+    name = "the-third-floor-of-the-west-wing-as-it-was-mapped-in-march-with-all-doors-open"
+    outcomes = ("arrived", "collided", "lost", "timeout")
+    drives = [drive(f"runs/{name}/{o}", name, outcome=o) for o in outcomes]
+    assert words_cut_off(trajectories_figure(drives)) == []
+    for count in (1, 2, 4):
+        panels = [Panel(each, f"recorded: {name}") for each in drives[:count]]
+        assert words_cut_off(worst_figure(panels, f"runs/{name}: the worst of {name}")) == []
