@@ -32,6 +32,7 @@ from lndrl.transport import (
     Welcome,
 )
 from lndrl.version import VERSION
+from lndrl.wording import counted
 
 HELLO_TIMEOUT = 10.0
 PATIENT_TIMEOUT = 1.0  # s per attempt, between which a stop is noticed
@@ -172,7 +173,7 @@ class Actor:
             self.laps.restart()  # building worlds and compiling is no part of any chunk
         self._on_event(
             "joined again" if rejoin else "joined",
-            f"run {welcome.run_id}, {rollout.worlds} worlds, "
+            f"run {welcome.run_id}, {counted(rollout.worlds, 'world')}, "
             f"weights version {welcome.weights_version}",
         )
 

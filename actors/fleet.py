@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 from actors import worker
 from actors.worker import STOP_SIGNALS, WorkerOptions
 from lndrl.extensions import trusted_modules
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from lndrl.transport import Security
@@ -290,7 +291,7 @@ def run_fleet(
     if fleet.error:
         print(fleet.error, file=sys.stderr, flush=True)
     elif code is None:
-        _print(f"stopped {count} actor{'s' if count != 1 else ''}")
+        _print(f"stopped {counted(count, 'actor')}")
     return code or 0
 
 

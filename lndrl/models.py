@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
+import math
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from lndrl.errors import UserError
+from lndrl.hints import meant_key
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -19,6 +20,35 @@ Count = Annotated[int, Field(ge=1, le=MOST)]
 Seconds = Annotated[float, Field(ge=0.001, le=86_400)]
 """A duration: from a millisecond, the shortest that networks can be told, to a day."""
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+
+_TURN = 2.0 * math.pi * 1.001  # rad; with room for those who round
+
+
+def _within_a_turn(angle: float) -> float:
+    if abs(angle) > _TURN:
+        raise ValueError(
+            f"{angle:g} is more than a turn; angles are in radians, and {angle:g} degrees are "
+            f"{math.radians(angle):.4g}"
+        )
+    return angle
+
+
+def _variance_within_a_turn(variance: float) -> float:
+    if variance > _TURN**2:
+        root = math.sqrt(variance)
+        raise ValueError(
+            f"{variance:g} is the square of more than a turn; it is in radians squared, and "
+            f"({root:.4g} degrees)^2 are {math.radians(root) ** 2:.4g}"
+        )
+    return variance
+
+
+Angle = Annotated[float, Field(ge=0), AfterValidator(_within_a_turn)]
+"""rad, 0 to a turn."""
+PositiveAngle = Annotated[float, Field(gt=0), AfterValidator(_within_a_turn)]
+"""rad, above 0 to a turn."""
+AngleVariance = Annotated[float, Field(ge=0), AfterValidator(_variance_within_a_turn)]
+"""rad^2, 0 to the square of a turn."""
 
 
 class Model(BaseModel):
@@ -95,8 +125,8 @@ def _sentence(model: type[Model], error: Any, where: str) -> str:
     key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
         known = _keys_at(model, error["loc"][:-1])
-        close = difflib.get_close_matches(str(error["loc"][-1]), known, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
+        meant = meant_key(str(error["loc"][-1]), known, _vocabulary())
+        hint = f"did you mean {meant}?" if meant else f"known: {', '.join(known)}"
         return f"{where}: unknown key {key}; {hint}"
     if error["type"] == "missing":
         return f"{where}: {key} is missing"
@@ -105,6 +135,14 @@ def _sentence(model: type[Model], error: Any, where: str) -> str:
     if error["type"] == "value_error":
         return f"{where}: {key + ': ' if key else ''}{message}"
     return f"{where}: {key} = {error['input']!r}: {message}"
+
+
+def _vocabulary() -> set[str]:
+    """All words of all keys of all models."""
+    models: list[type[BaseModel]] = [Model]
+    for model in models:
+        models += model.__subclasses__()
+    return {word for model in models for key in model.model_fields for word in key.split("_")}
 
 
 def _keys_at(model: type[Model], location: tuple[Any, ...]) -> list[str]:

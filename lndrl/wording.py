@@ -15,5 +15,9 @@ def span(low: float, high: float) -> str:
 
 
 def people(count: tuple[int, int]) -> str:
-    """A crowd of ``count`` (fewest, most): ``4 people``, ``1 person``, ``8 to 12 people``."""
+    """A crowd of ``count`` (fewest, most): ``4 people``, ``1 person``, ``no people``, ``8 to 12
+    people``.
+    """
+    if count == (0, 0):
+        return "no people"
     return f"{span(*count)} {'person' if count == (1, 1) else 'people'}"

@@ -15,6 +15,8 @@ FLOORS = {
     "lndrl": 7,  # the front door: nobody inside goes through it
     "lndrl.caches": 0,
     "lndrl.errors": 0,
+    "lndrl.hints": 0,
+    "lndrl.wording": 0,
     "lndrl.kernels": 0,
     "lndrl.extensions": 0,
     "lndrl.models": 0,

@@ -22,6 +22,7 @@ from learner.timing import Rates
 from lndrl.config import MOST_WORLDS_PER_ACTOR, RunConfig
 from lndrl.transport import PROTOCOL_VERSION, Ack, ChunkHeader, Hello, Refusal, Welcome
 from lndrl.version import VERSION
+from lndrl.wording import counted
 
 __all__ = ["Chunk", "Ingest"]
 
@@ -86,7 +87,8 @@ class Ingest:
             hello.actor_id, hello.incarnation, hello.host, hello.pid, hello.worlds
         )
         if member is None:
-            text = f"actor {hello.actor_id}: {self.roster.counts()[0]} actors are here already"
+            here = counted(self.roster.counts()[0], "actor is", "actors are")
+            text = f"actor {hello.actor_id}: {here} here already"
             self.events.add("refused", text, hello.actor_id)
             return Refusal("this learner has all the actors that it can serve; stop one of them")
         again = member.kernels[1] > 0 or hello.kernels_needed > 0
@@ -205,7 +207,7 @@ class Ingest:
             self._changed.notify_all()
         if missing:
             self.gaps += missing
-            text = f"{missing:,} chunks of actor {chunk.actor_id} never came"
+            text = f"{counted(missing, 'chunk')} of actor {chunk.actor_id} never came"
             self.events.add("gap", text, sender=chunk.actor_id)
         self.rates.add(chunk.samples)
         return self._ack("accepted")

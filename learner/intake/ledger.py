@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from learner.run.lines import LineFile, older_files
+from lndrl.wording import counted
 
 RULES = ("stale", "restart", "end", "diverged")
 """Why an acknowledged chunk may end without being trained on."""
@@ -48,7 +49,7 @@ class Tally:
         self.chunks += chunks
 
     def __str__(self) -> str:
-        return f"{self.samples:,} samples in {self.chunks:,} chunks"
+        return f"{counted(self.samples, 'sample')} in {counted(self.chunks, 'chunk')}"
 
     @classmethod
     def read(cls, data: Any) -> Tally:
@@ -88,7 +89,8 @@ class History:
         if self.missing:
             lack = "ledger.jsonl is missing; what came after the checkpoint is not counted"
             return [lack] if expected else []
-        return [f"ledger.jsonl: {self.damaged} lines are damaged"] if self.damaged else []
+        damaged = counted(self.damaged, "line is", "lines are")
+        return [f"ledger.jsonl: {damaged} damaged"] if self.damaged else []
 
 
 class Ledger:

@@ -16,6 +16,7 @@ from learner.run.lines import LineFile, backwards
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
+from lndrl.wording import counted
 
 _WINDOW = 200  # episodes behind every rate
 
@@ -215,13 +216,13 @@ class RunSummary:
     def __str__(self) -> str:
         figures = self.episodes
         lines = [
-            f"{'finished' if self.finished else 'stopped'} after {self.steps:,} steps in "
+            f"{'finished' if self.finished else 'stopped'} after {counted(self.steps, 'step')} in "
             f"{self.seconds / 60:.1f} min ({self.steps / max(self.seconds, 1e-9):.0f} steps/s), "
-            f"{figures['count']:,} episodes"
+            f"{counted(figures['count'], 'episode')}"
         ]
         if figures["window"]:
             rates = ", ".join(f"{name} {figures[name]:.1%}" for name in OUTCOMES)
-            lines.append(f"last {figures['window']} episodes: {rates}")
+            lines.append(f"last {counted(figures['window'], 'episode')}: {rates}")
         lines.append(f"checkpoint: {self.checkpoint or 'none'}")
         if self.checkpoint:
             lines.append(f"next: lndrl evaluate {self.folder} --episodes 200")

@@ -95,7 +95,7 @@ def _wrapped(
     grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig, recording: SensorLog
 ) -> Callable[[], float]:
     """A replay through ``AMCL``: seconds per update that moved the filter."""
-    amcl = AMCL(LikelihoodMap.build(grid, config), config, laser)
+    amcl = AMCL(LikelihoodMap.build(grid, config, laser), config, laser)
     ranges, bearings = used_beams(recording, config, laser)
 
     def replay() -> float:
@@ -125,7 +125,7 @@ def _compiled(
     """The same replay in one compiled call."""
     belief = belief_of(make_beliefs(1, config), 0)
     scratch, bins = make_scratch(config, laser), make_bins(config)
-    field = LikelihoodMap.build(grid, config)
+    field = LikelihoodMap.build(grid, config, laser)
     amcl = AMCL(field, config, laser, belief, scratch, bins)
     constant = (kld_limits(config), make_field(field), make_settings(config, laser))
     ranges, bearings = used_beams(recording, config, laser)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from lndrl.errors import UserError
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     import torch
@@ -138,7 +139,7 @@ def device_name(device: torch.device) -> str:
 def machine_line(facts: Mapping[str, Any]) -> str:
     """``machine()`` in one line."""
     versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
-    return f"{facts['cpu']}, {facts['cores']} cores, load {facts['load']}; {versions}"
+    return f"{facts['cpu']}, {counted(facts['cores'], 'core')}, load {facts['load']}; {versions}"
 
 
 def figures_table(name: str, figures: Mapping[str, Any]) -> Table:

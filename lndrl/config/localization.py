@@ -7,9 +7,20 @@ import math
 from statistics import NormalDist
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from lndrl.models import Count, Model, NonNegative, Positive, Probability
+from lndrl.models import (
+    Angle,
+    AngleVariance,
+    Count,
+    Model,
+    NonNegative,
+    Positive,
+    PositiveAngle,
+    Probability,
+)
+
+_OWN_RANGE = -1.0
 
 PRESETS: dict[str, dict[str, Any]] = {
     # The defaults below: the paper's launch file, with ROS's own habits.
@@ -31,6 +42,12 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "perfect": {"kind": "perfect"},
 }
+
+
+def _range_or_own(metres: float) -> float:
+    if metres <= 0.0 and metres != _OWN_RANGE:
+        raise ValueError(f"{metres:g} must be above 0, or -1 for the laser's own range")
+    return metres
 
 
 class LocalizationConfig(Model):
@@ -74,7 +91,9 @@ class LocalizationConfig(Model):
         1.0, description="of a beam's factor in likelihood_field_prob; below 1: beams err together"
     )
     laser_max_beams: Count = Field(60, description="beams of a scan that are used (LAUNCH)")
-    laser_max_range: Positive = Field(12.0, description="m; readings at or beyond are skipped")
+    laser_max_range: Annotated[float, AfterValidator(_range_or_own)] = Field(
+        12.0, description="m; readings at or beyond are skipped; -1: the laser's own, as in ROS"
+    )
     laser_z_hit: Probability = Field(0.95, description="weight of readings of the map (LAUNCH)")
     laser_z_short: Probability = Field(
         0.1, description="weight of readings before the map's, beam model only (LAUNCH)"
@@ -103,7 +122,7 @@ class LocalizationConfig(Model):
     update_min_d: NonNegative = Field(
         0.01, description="m of odometry in x or y, else no update (LAUNCH)"
     )
-    update_min_a: NonNegative = Field(0.001, description="rad of odometry, else no update (LAUNCH)")
+    update_min_a: Angle = Field(0.001, description="rad of odometry, else no update (LAUNCH)")
     resample_interval: Count = Field(1, description="updates per resampling (LAUNCH)")
     resample_model_type: Literal["multinomial", "systematic"] = Field(
         "multinomial", description="independent draws, or evenly spread ones"
@@ -127,13 +146,13 @@ class LocalizationConfig(Model):
         1.0, description="persistent only: injects when the fit is this many times worse than usual"
     )
     bin_size: Positive = Field(0.5, description="m, side of the bins of KLD and clusters (ROS)")
-    bin_angle: Positive = Field(
+    bin_angle: PositiveAngle = Field(
         0.17453292519943295, description="rad, the bins' third side, 10 degrees (ROS)"
     )
     initial_deviation_xy: NonNegative = Field(
         0.05, description="m, of x and y at episode start (ours)"
     )
-    initial_deviation_yaw: NonNegative = Field(
+    initial_deviation_yaw: Angle = Field(
         0.05235987755982988, description="rad at episode start, 3 degrees (ours)"
     )
     initial_cov_xx: NonNegative | None = Field(
@@ -142,7 +161,7 @@ class LocalizationConfig(Model):
     initial_cov_yy: NonNegative | None = Field(
         None, description="m^2, replaces the deviation; 0.25 in ROS"
     )
-    initial_cov_aa: NonNegative | None = Field(
+    initial_cov_aa: AngleVariance | None = Field(
         None, description="rad^2, replaces the deviation; (pi/12)^2 in ROS"
     )
     delay: Annotated[int, Field(ge=0, le=50)] = Field(
@@ -186,6 +205,12 @@ class LocalizationConfig(Model):
     def kld_quantile(self) -> float:
         """The normal quantile in the KLD bound."""
         return NormalDist().inv_cdf(self.kld_z) if self.kld_z_is_probability else self.kld_z
+
+    def max_range(self, laser_range: float) -> float:
+        """Metres at and beyond which a reading is none, with a laser that sees ``laser_range``."""
+        if self.laser_max_range == _OWN_RANGE:
+            return laser_range
+        return min(self.laser_max_range, laser_range)
 
     @property
     def initial_deviations(self) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from lndrl.extensions import PartName, PartSettings
-from lndrl.models import LATER, Count, Model, Positive, Seconds
+from lndrl.models import LATER, Count, Model, Positive, PositiveAngle, Seconds
 
 _TERM_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MOST_TERMS = 16
@@ -68,7 +68,7 @@ class TaskConfig(Model):
     )
     arrive_distance: Positive = Field(0.5, description="m, estimate to goal: arrived (PAPER)")
     lost_distance: Positive = Field(2.0, description="m, truth to estimate: lost (PAPER)")
-    lost_angle: Positive = Field(
+    lost_angle: PositiveAngle = Field(
         0.7853981633974483, description="rad, truth to estimate: lost; pi/4 (PAPER)"
     )
     time_limit: Seconds = Field(60.0, description="s, then an episode is truncated (GROUP)")

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from lndrl.models import Count, Model, NonNegative, Positive, Probability, Seconds
+from lndrl.models import (
+    Angle,
+    Count,
+    Model,
+    NonNegative,
+    Positive,
+    PositiveAngle,
+    Probability,
+    Seconds,
+)
 
 
 class LaserConfig(Model):
     """Simulated laser with the beam range finder model (PAPER, Thrun et al. §6.3)."""
 
     beams: Count = Field(720, description="beams over the field of view (PAPER)")
-    field_of_view: Positive = Field(3.141592653589793, description="rad, first beam at -fov/2")
+    field_of_view: PositiveAngle = Field(3.141592653589793, description="rad, first beam at -fov/2")
     range_max: Positive = Field(12.0, description="m, the farthest reading (PAPER)")
     z_hit: Probability = Field(0.98, description="weight of a true reading (PAPER)")
     z_short: Probability = Field(0.0, description="unexpected objects; people are real (PAPER)")
@@ -47,7 +56,7 @@ class CrowdConfig(Model):
     orca_wall_radius: Positive = Field(
         0.2, description="m kept to walls, the body's; orca_radius would close gaps below 1 m"
     )
-    orca_veer: NonNegative = Field(
+    orca_veer: Angle = Field(
         0.5,
         le=1.5,
         description="rad to the right of the way while somebody is ahead within two radii: two "

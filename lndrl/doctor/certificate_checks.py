@@ -13,6 +13,7 @@ from cryptography.x509.oid import NameOID
 from lndrl.doctor.probes import FAILED, OK, Check
 from lndrl.errors import UserError
 from lndrl.transport.security.certificates import ROLES, common_name, load_certificate
+from lndrl.wording import counted
 
 SOON = timedelta(days=30)
 
@@ -125,7 +126,7 @@ def _right(
     now: datetime,
 ) -> str:  # fmt: skip
     left = certificate.not_valid_after_utc - now
-    text = f"{common_name(role)}, valid for {left.days} more days"
+    text = f"{common_name(role)}, valid for {counted(left.days, 'more day')}"
     if left < SOON and certificate.not_valid_after_utc < authority.not_valid_after_utc:
         text += f": make a new one soon with `lndrl certs --out FOLDER --renew {role}`"
     elif left < SOON:

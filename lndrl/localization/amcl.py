@@ -72,6 +72,11 @@ class AMCL:
         self._made_of = (field, config, laser)
         if field.model != config.laser_model_type:
             raise ValueError(f"the map was built for {field.model}, not {config.laser_model_type}")
+        if field.range_max != config.max_range(laser.range_max):
+            raise ValueError(
+                f"the map was built for readings below {field.range_max:g} m, not "
+                f"{config.max_range(laser.range_max):g} m"
+            )
         if self._belief.weights.shape != (config.max_particles,):
             raise ValueError(f"the belief has no room for exactly {config.max_particles} particles")
         if (

@@ -41,14 +41,18 @@ def obstacle_distance(grid: OccupancyGrid, config: LocalizationConfig) -> NDArra
     return result
 
 
-def beam_factor(distance: NDArray[np.float64], config: LocalizationConfig) -> NDArray[np.float64]:
+def beam_factor(
+    distance: NDArray[np.float64], config: LocalizationConfig, range_max: float
+) -> NDArray[np.float64]:
     """Table value of a beam that ends ``distance`` m from an obstacle; falls with distance.
+
+    ``range_max``: ``config.max_range`` of the laser (m).
 
     ``pz^3`` for the models that add beams, ``laser_likelihood_exponent * log pz`` for
     ``likelihood_field_prob``, which multiplies them.
     """
     hit = config.laser_z_hit * np.exp(-0.5 * (distance / config.laser_sigma_hit) ** 2)
-    p = hit + config.laser_z_rand / config.laser_max_range
+    p = hit + config.laser_z_rand / range_max
     if config.laser_model_type == "likelihood_field_prob":
         result: NDArray[np.float64] = config.laser_likelihood_exponent * np.log(
             np.maximum(p, _LEAST)

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lndrl.config import LocalizationConfig
+from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.errors import UserError
 from lndrl.localization.angles import sincos
 from lndrl.localization.field import beam_factor, obstacle_distance
@@ -40,7 +40,8 @@ class LikelihoodMap:
     For ``likelihood_field_prob`` the table holds ``log pz`` (see ``field.beam_factor``).
     ``clearance``: uint8 ``(height, width)``, what rays march on; only the beam model has it.
     ``skip_level``, ``agreement_level``: table values at ``beam_skip_distance`` and
-    ``agreement_distance``; larger is nearer. ``model``: the ``laser_model_type`` it serves.
+    ``agreement_distance``; larger is nearer. ``model``: the ``laser_model_type`` it serves, with
+    readings below ``range_max`` m.
     """
 
     table: NDArray[np.float32]
@@ -53,10 +54,17 @@ class LikelihoodMap:
     skip_level: float
     agreement_level: float
     model: str
+    range_max: float
 
     @classmethod
-    def build(cls, grid: OccupancyGrid, config: LocalizationConfig) -> LikelihoodMap:
-        """Precompute the field of ``grid``; raises UserError when the map has no free cell."""
+    def build(
+        cls, grid: OccupancyGrid, config: LocalizationConfig, laser: LaserConfig | None = None
+    ) -> LikelihoodMap:
+        """Precompute the field of ``grid`` for ``laser``, by default that of the paper.
+
+        Raises UserError when the map has no free cell.
+        """
+        range_max = config.max_range((laser or LaserConfig()).range_max)
         free_cells = np.flatnonzero(grid.free).astype(np.int32)
         if free_cells.size == 0:
             raise UserError("localization: the map has no free cell, one at least is needed")
@@ -65,12 +73,12 @@ class LikelihoodMap:
         distance = np.full((height + 2, width + 2), farthest, dtype=np.float64)
         distance[1:-1, 1:-1] = obstacle_distance(grid, config)
         levels = np.array([config.beam_skip_distance, config.agreement_distance])
-        skip_level, agreement_level = beam_factor(levels, config).astype(np.float32)
+        skip_level, agreement_level = beam_factor(levels, config, range_max).astype(np.float32)
         cells = np.zeros((1, 1), dtype=np.uint8)
         if config.laser_model_type == "beam":
             cells = clearance(distance_field(grid.occupied, grid.resolution), grid.resolution)
         return cls(
-            np.ascontiguousarray(beam_factor(distance, config), dtype=np.float32),
+            np.ascontiguousarray(beam_factor(distance, config, range_max), dtype=np.float32),
             free_cells,
             width,
             height,
@@ -80,6 +88,7 @@ class LikelihoodMap:
             float(skip_level),
             float(agreement_level),
             config.laser_model_type,
+            range_max,
         )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> LikelihoodMap:

@@ -37,6 +37,7 @@ from lndrl.models import Model, Positive, Probability, load_yaml, validate
 FREE, OCCUPIED, UNKNOWN, BEYOND = 0, 1, 2, 3  # the last: outside the image
 Cells = NDArray[np.uint8]
 
+_MOST_YAW = 4.0 * np.pi  # rad; whoever adds up turns may well end beyond one
 _SAVED_UNKNOWN = 205.0  # what map_saver writes, of ROS 1 and 2; p = 0.196
 _WORTH_SAYING = 0.001  # share of the pixels
 
@@ -56,6 +57,12 @@ class MapFile(Model):
 
     @model_validator(mode="after")
     def _order(self) -> MapFile:
+        yaw = self.origin[2]
+        if abs(yaw) > _MOST_YAW:
+            raise ValueError(
+                f"origin: the yaw {yaw:g} is more than two turns; it is in radians, and {yaw:g} "
+                f"degrees are {np.radians(yaw):.4g}"
+            )
         if self.free_thresh >= self.occupied_thresh:
             raise ValueError(
                 f"free_thresh {self.free_thresh:g} must be below "

@@ -39,7 +39,7 @@ def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, Likel
     place = Place.build(
         config.scenario, config.world.robot_radius, layout, config.task.arrive_distance
     )
-    return place, LikelihoodMap.build(place.grid, config.localization)
+    return place, LikelihoodMap.build(place.grid, config.localization, config.world.laser)
 
 
 def layout_of(config: RunConfig, world_id: int, episode: int, seed: int | None = None) -> int:

@@ -13,6 +13,7 @@ from rich.text import Text
 from lndrl.errors import UserError
 from lndrl.view.progress import StatusLine
 from lndrl.view.text import MISSING, duration, number
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from lndrl.evaluation.sweep import Estimate, Progress, SweepFigures, VariantFigures
@@ -103,21 +104,21 @@ def legend(figures: SweepFigures) -> list[str]:
     head, rows = outcome_rows(figures)
     marked = (head.count("Δ") + 1) * (len(rows) - 1)
     count = len(spec.seeds)
-    kind = "serial runs" if spec.serial else "runs"
+    kind = "serial run" if spec.serial else "run"
     tested = (
-        f" Tested: {spec.episodes} episodes of the final policy, "
+        f" Tested: {counted(spec.episodes, 'episode')} of the final policy, "
         f"{'greedy' if spec.greedy else 'sampled'} actions."
         if spec.episodes
         else ""
     )
     return [
-        f"Mean ± sample standard deviation over {count} {kind} of {spec.steps:,} steps (seeds "
-        f"{', '.join(map(str, spec.seeds))}). Area: mean of the arrival curve over all steps. "
-        f"All others but steps/s: over the last third of the steps.{tested}",
+        f"Mean ± sample standard deviation over {counted(count, kind)} of {spec.steps:,} steps "
+        f"(seeds {', '.join(map(str, spec.seeds))}). Area: mean of the arrival curve over all "
+        f"steps. All others but steps/s: over the last third of the steps.{tested}",
         "Δ: difference to the base, paired by seed: mean ± standard error [95 % t interval], "
         f"{MARK.strip()} where the interval leaves 0 out; of the {marked} differences about "
         f"{0.05 * marked:.1f} would be marked by chance alone."
-        + (f" {count} seeds are weak evidence." if count < 10 else ""),
+        + (f" {counted(count, 'seed is', 'seeds are')} weak evidence." if count < 10 else ""),
     ]
 
 

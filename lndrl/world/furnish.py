@@ -15,6 +15,8 @@ from lndrl.maps.pairs import Pair, far_nodes, pair_boxes, wide_parts
 from lndrl.maps.paths import Roadmap, path_length
 from lndrl.maps.regions import centre, spread_boxes
 from lndrl.scenario import Box, Pedestrians, Point, RobotTask, Route
+from lndrl.wording import people as crowd
+from lndrl.wording import span
 
 PEDESTRIAN_ROOM = 0.3  # m of free room around a pedestrian's start and goal
 ROBOT_MARGIN = 0.1  # m of free room around the robot at its start and goal
@@ -66,15 +68,8 @@ def find_people(
     most = int(floor / _FLOOR_PER_PERSON) if routes else 0
     count = (min(people.count[0], most), min(people.count[1], most))
     if count != people.count:
-        notes.append(f"{_crowd(count)} instead of {_crowd(people.count)}: {reason}")
+        notes.append(f"{crowd(count)} instead of {crowd(people.count)}: {reason}")
     return people.model_copy(update={"routes": routes, "count": count}), "; ".join(notes)
-
-
-def _crowd(count: tuple[int, int]) -> str:
-    fewest, most = count
-    if most <= 1 and fewest == most:
-        return "1 person" if most else "no people"
-    return f"{most} people" if fewest == most else f"{fewest} to {most} people"
 
 
 def _length(route: Route) -> float:

@@ -23,6 +23,7 @@ from lndrl.maps.raycast import clearance, sample_field
 from lndrl.maps.regions import centre
 from lndrl.randomness import State, stream_state, uniform
 from lndrl.scenario import Box, Point, RobotTask, Route, Scenario
+from lndrl.wording import span
 from lndrl.world.furnish import (
     COMFORT,
     PEDESTRIAN_ROOM,
@@ -108,7 +109,7 @@ class Place:
         regions, count = label(distance > radius + 0.5 * grid.resolution)
         if count > np.iinfo(np.uint16).max:
             raise UserError(
-                f"scenario {scenario.name}: its floor falls into {count} pieces; clean the map"
+                f"scenario {scenario.name}: its floor falls into {count:,} pieces; clean the map"
             )
         notes: tuple[str, ...] = ()
         if scenario.kind == "map":
@@ -243,7 +244,7 @@ class Place:
         said = f"scenario {name}: robot.{number} has no connected start and goal that are"
         if nearest >= self.arrive_distance:
             return (
-                f"{said} {nearest:g} to {farthest:g} m apart; move its regions or widen "
+                f"{said} {span(nearest, farthest)} m apart; move its regions or widen "
                 "start_goal_distance"
             )
         most, mend = "", ""

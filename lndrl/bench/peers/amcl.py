@@ -152,7 +152,7 @@ def _ours(
 ) -> tuple[float, float]:
     """Median seconds of an update, and the position RMSE (m)."""
     laser = config.world.laser
-    amcl = AMCL(LikelihoodMap.build(place.grid, localization), localization, laser)
+    amcl = AMCL(LikelihoodMap.build(place.grid, localization, laser), localization, laser)
     ranges, bearings = used_beams(recording, localization, laser)
     amcl.reset(recording.start, stream_state(0))
     amcl.update(recording.odometry[0], ranges[0], bearings)  # compiles

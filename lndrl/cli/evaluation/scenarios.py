@@ -12,6 +12,7 @@ from lndrl.cli.completion import complete_scenario
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, check_picture, trust
 from lndrl.errors import UserError
+from lndrl.wording import counted, people
 
 if TYPE_CHECKING:
     from lndrl.scenario import Box, Scenario
@@ -79,8 +80,8 @@ def _one(name: str, out: Path | None, layout: int, json: bool) -> None:
     elif out is None:
         print_tables(_table([scenario]))
         typer.echo(
-            f"{len(place.scenario.robot)} tasks, "
-            f"{len(place.scenario.pedestrians.routes)} routes of pedestrians; "
+            f"{counted(len(place.scenario.robot), 'task')}, "
+            f"{counted(len(place.scenario.pedestrians.routes), 'route')} of pedestrians; "
             f"--out {scenario.name}.png draws them, --json lists them"
         )
     say_notes(place.notes)
@@ -97,10 +98,9 @@ def _build(scenario: Scenario, layout: int) -> Place:
 def _draw(place: Place, file: Path, scenario: Scenario, quiet: bool) -> None:
     from lndrl.view.pictures.scenario import save_scenario
 
-    fewest, most = place.scenario.pedestrians.count
-    people = f"{fewest}" if fewest == most else f"{fewest} to {most}"
+    crowd = people(place.scenario.pedestrians.count)
     width, height = place.grid.size
-    title = f"{place.scenario.name}   {width:.4g} × {height:.4g} m, {people} people"
+    title = f"{place.scenario.name}   {width:.4g} × {height:.4g} m, {crowd}"
     try:
         save_scenario(place, file, title)
     except OSError as error:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from lndrl.errors import UserError
+from lndrl.wording import counted
 
 
 def curves(
@@ -27,8 +28,8 @@ def curves(
     stem = out or run / "curves"
     picture, table = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".csv")
     try:
-        save_curves(rows, picture, title=f"{run.name}: {rows[-1]['steps']:,} steps")
+        save_curves(rows, picture, title=f"{run.name}: {counted(rows[-1]['steps'], 'step')}")
         write_csv(rows, table)
     except OSError as error:
         raise UserError(f"--out {stem}: cannot be written ({error.strerror})") from None
-    typer.echo(f"{picture} and {table}: {len(rows)} updates")
+    typer.echo(f"{picture} and {table}: {counted(len(rows), 'update')}")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from lndrl import kernels
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from actors.balance import Balance
@@ -124,7 +125,9 @@ def _supervise(
     cores = usable_cores()
     choice = first_choice(config, cores, learner.ppo.device.type)
     learner.events.add(
-        "balance", f"{choice.actors} x {choice.worlds} worlds to begin with, {cores} cores"
+        "balance",
+        f"{choice.actors} x {counted(choice.worlds, 'world')} to begin with, "
+        f"{counted(cores, 'core')}",
     )
     # Threads start with the first update, which needs actors; half for each network.
     learner.ppo.threads = max(1, choice.learner_threads // 2)

@@ -203,7 +203,10 @@ class _Worker:
             self._places[people] = place, RouteMap.build(place)
         self._replayers = {
             label: Replayer(
-                LikelihoodMap.build(place.grid, config), config, plan.world.laser, plan.task
+                LikelihoodMap.build(place.grid, config, plan.world.laser),
+                config,
+                plan.world.laser,
+                plan.task,
             )
             for label, config in plan.settings.items()
         }

@@ -16,6 +16,7 @@ from lndrl.evaluation.localization.figures import (
 from lndrl.evaluation.localization.replay import TROUBLES
 from lndrl.evaluation.localization.report import Report
 from lndrl.evaluation.metrics import Rate
+from lndrl.wording import counted
 
 BEGIN = "<!-- figures: everything from here to the end mark is written by the command -->"
 END = "<!-- end of figures -->"
@@ -100,8 +101,8 @@ def report_markdown(report: Report, command: str, machine: str, picture: str) ->
     seconds = plan.updates * tick
     parts = [
         f"`{command}`",
-        f"{plan.seeds} drives of {seconds:.0f} s ({plan.updates} updates) per scenario and crowd; "
-        f"{machine}.",
+        f"{counted(plan.seeds, 'drive')} of {seconds:.0f} s ({plan.updates} updates) "
+        f"per scenario and crowd; {machine}.",
         f"![Position error of every drive, and of one drive over time]({picture})",
         "### Settings",
         _settings_text(report),

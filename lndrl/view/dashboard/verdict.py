@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from lndrl.transport.status import VERDICTS, Status
 from lndrl.view.palette import BAD, GOOD, QUIET, WARNING
 from lndrl.view.text import duration, number, percent, printable
+from lndrl.wording import counted
 
 STALE_AFTER = 10.0
 """s without news until a run counts as stale; a learner writes about once a second."""
@@ -63,7 +64,7 @@ def _spoken(status: Status) -> tuple[str, str]:
 
 def _reason(word: str, status: Status) -> str:
     active = sum(actor.state != "gone" for actor in status.actors)
-    actors = f"{active} actor{'' if active == 1 else 's'}"
+    actors = counted(active, "actor")
     rate = f"{number(status.rate.seconds_60 or status.rate.seconds_10)} steps/s"
     wait, rest = status.time_split.get("wait"), status.actor_split.get("wait")
     if word == "learning":
@@ -76,7 +77,8 @@ def _reason(word: str, status: Status) -> str:
             return f"{actors} joined, but no steps arrive yet"
         return "nobody sends steps; start actors with: lndrl actor --connect ENDPOINT"
     if word == "learner-bound":
-        waiting = f", {status.queue.chunks} chunks wait" if status.queue.chunks else ""
+        chunks = status.queue.chunks
+        waiting = f", {counted(chunks, 'chunk waits', 'chunks wait')}" if chunks else ""
         busy = "always busy" if wait is None else f"busy {percent(1 - wait, 0)} of the time"
         idle = "" if rest is None else f", actors idle {percent(rest, 0)}"
         return f"the learner is {busy}{idle}{waiting}: no more actors needed"

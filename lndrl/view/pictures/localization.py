@@ -17,6 +17,7 @@ from PIL import Image
 from lndrl.view.palette import BLUE, GREEN, INK, ORANGE, PAPER, PINK, SKY, SLATE, VERMILLION
 from lndrl.view.pictures.axes import quiet
 from lndrl.view.pictures.fitting import shortened
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from lndrl.evaluation.localization import Outcome, Report
@@ -106,8 +107,11 @@ def _draw_course(
         axes.plot(time, shown, color=colour, linewidth=1.2, label=outcome.setting)
     axes.axhline(report.plan.task.lost_distance, color=SLATE, linewidth=0.9, linestyle="--")
     first = outcomes[0]
+    crowd = counted(first.pedestrians, "person", "people")
     axes.set_xlabel(
-        f"s (drive {first.seed}, {first.pedestrians} people; dashed: lost)", size=8.5, color=INK
+        f"s (drive {first.seed}, {crowd}; dashed: lost)",
+        size=8.5,
+        color=INK,
     )
     _dress(axes)
 

@@ -40,7 +40,7 @@ def sample_start(place: Place, seed: int = 0, episode: int = 0) -> WorldSnapshot
     config = RunConfig(
         seed=seed, scenario=place.scenario, localization=LocalizationConfig(kind="perfect")
     )
-    field = LikelihoodMap.build(place.grid, config.localization)
+    field = LikelihoodMap.build(place.grid, config.localization, config.world.laser)
     world = Navigation(place, field, config, world_id=0)
     for number in range(episode, episode + _LOOKS):
         world.reset(number)

@@ -18,6 +18,7 @@ from lndrl.errors import UserError
 from lndrl.view.palette import BLUE, GREEN, INK, ORANGE, PAPER, PINK, SKY, SLATE, VERMILLION
 from lndrl.view.pictures.curves import dress
 from lndrl.view.pictures.fitting import shortened
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from lndrl.evaluation.sweep import RunFigures, SweepFigures
@@ -64,7 +65,8 @@ def save_sweep(figures: SweepFigures, path: Path | str, dpi: int = 110) -> None:
     first.yaxis.set_major_locator(MaxNLocator(5))
     first.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} %"))
     spec = figures.sweep.spec
-    title = f"sweep {figures.sweep.name}: arrived, mean and range over {len(spec.seeds)} seeds"
+    over = counted(len(spec.seeds), "seed")
+    title = f"sweep {figures.sweep.name}: arrived, mean and range over {over}"
     title = shortened(title, 11, 0.98 * size[0])
     figure.suptitle(title, x=0.01, ha="left", size=11, color=INK)
     figure.savefig(path, dpi=dpi)

@@ -205,7 +205,7 @@ def test_damage_is_said_and_stops_nothing(books: Books, line: str) -> None:
         file.write(line + "\n")
     books.accept(B)
     recovery = books.die_and_resume()
-    assert recovery.lost.chunks == 2 and "1 lines are damaged" in recovery.notes[0]
+    assert recovery.lost.chunks == 2 and "1 line is damaged" in recovery.notes[0]
     books.sums()
 
 

@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lndrl.config import LocalizationConfig
+from lndrl.config import LaserConfig, LocalizationConfig
+from lndrl.localization import AMCL
+from lndrl.localization.belief import make_settings
 from lndrl.localization.field import beam_factor, obstacle_distance
 from lndrl.localization.field_prob import converged, skip_beams, weigh_logarithms
 from lndrl.localization.likelihood import LikelihoodMap
@@ -125,15 +127,37 @@ def test_fields_of_maps_with_one_kind_of_cell(kind):
 def test_tables_hold_what_the_model_adds_up():
     distance = np.array([0.0, 0.1, 0.5, 2.0])
     pz = 0.95 * np.exp(-(distance**2) / (2 * 0.2**2)) + 0.05 / 12.0
-    assert beam_factor(distance, LocalizationConfig()) == pytest.approx(pz**3)
+    assert beam_factor(distance, LocalizationConfig(), 12.0) == pytest.approx(pz**3)
     prob = LocalizationConfig(
         laser_model_type="likelihood_field_prob", laser_likelihood_exponent=0.5
     )
-    assert beam_factor(distance, prob) == pytest.approx(0.5 * np.log(pz))
+    assert beam_factor(distance, prob, 12.0) == pytest.approx(0.5 * np.log(pz))
     never = LocalizationConfig(
         laser_model_type="likelihood_field_prob", laser_z_rand=0.0, laser_sigma_hit=0.01
     )
-    assert np.isfinite(beam_factor(distance, never)).all()
+    assert np.isfinite(beam_factor(distance, never, 12.0)).all()
     field = LikelihoodMap.build(OccupancyGrid(np.eye(30, dtype=bool), 0.1), prob)
-    assert field.skip_level == pytest.approx(beam_factor(np.array([0.5]), prob)[0], rel=1e-6)
+    assert field.skip_level == pytest.approx(beam_factor(np.array([0.5]), prob, 12.0)[0], rel=1e-6)
     assert math.isclose(field.table.max(), 0.5 * math.log(pz[0]), rel_tol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "laser_range", "used"),
+    [(12.0, 12.0, 12.0), (12.0, 8.0, 8.0), (6.0, 12.0, 6.0), (-1.0, 8.0, 8.0), (-1.0, 30.0, 30.0)],
+)
+@pytest.mark.parametrize("model", ["likelihood_field", "likelihood_field_prob"])
+def test_the_map_and_the_filter_know_the_same_maximum_range(
+    model: str, wanted: float, laser_range: float, used: float
+) -> None:
+    """ROS: the smaller of the laser's own and what is wanted, the laser's own for -1."""
+    plain = {"laser_model_type": model, "laser_max_range": wanted, "laser_likelihood_max_dist": 50}
+    config = LocalizationConfig.model_validate(plain)
+    laser = LaserConfig(range_max=laser_range)
+    field = LikelihoodMap.build(OccupancyGrid(np.eye(30, dtype=bool), 0.1), config, laser)
+    assert make_settings(config, laser).range_max == field.range_max == used
+    p = 0.05 / used  # far from every wall
+    far = p**3 if model == "likelihood_field" else np.log(p)
+    assert field.table[0, 0] == pytest.approx(far, rel=1e-5)
+    AMCL(field, config, laser)
+    with pytest.raises(ValueError, match=f"readings below {used:g} m, not 3 m"):
+        AMCL(field, config, LaserConfig(range_max=3.0))

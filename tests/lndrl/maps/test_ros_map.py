@@ -271,6 +271,7 @@ def test_what_lies_beyond_the_known_is_cut_off(tmp_path) -> None:
         ({"free_thresh": None}, "hall.yaml: free_thresh is missing"),
         ({"origin": [0, 0]}, "hall.yaml: origin"),
         ({"resolution": -0.1}, "hall.yaml: resolution = -0.1"),
+        ({"origin": [0, 0, 90]}, "hall.yaml: origin: the yaw 90 is more than two turns; it is in"),
         ({"free_thresh": 0.7}, "free_thresh 0.7 must be below occupied_thresh 0.65"),
         ({"mode": "colour"}, "hall.yaml: mode = 'colour'"),
         ({"image": "away.pgm"}, "away.pgm: no such file; "),

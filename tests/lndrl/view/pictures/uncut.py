@@ -18,7 +18,7 @@ def words_cut_off(figure: Figure, dpi: float = 90.0) -> list[str]:
     # Marks beyond an axis's limits are kept, but not drawn.
     axes = [axis for each in figure.axes for axis in (each.xaxis, each.yaxis)]
     ticks = [tick for axis in axes for tick in {*axis.get_major_ticks(), *axis.get_minor_ticks()}]
-    drawn = {id(tick) for axis in axes for tick in axis._update_ticks()}  # type: ignore[attr-defined]
+    drawn = {id(tick) for axis in axes for tick in axis._update_ticks()}  # type: ignore[union-attr]
     beyond = [tick for tick in ticks if id(tick) not in drawn]
     hidden = {id(label) for tick in beyond for label in (tick.label1, tick.label2)}
     cut = []
