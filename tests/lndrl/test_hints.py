@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from lndrl.config import RunConfig, load_config
-from lndrl.config.run import REPOSITORY_CONFIGS
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.hints import meant_key
 from lndrl.models import _vocabulary, validate

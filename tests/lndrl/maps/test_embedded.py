@@ -103,7 +103,7 @@ def test_notes_of_a_map_travel_with_it_to_places_and_commands(
         assert capsys.readouterr().err.count(f"note: {note}\n") == 1
     small = load_config(REPOSITORY_CONFIGS / "lndrl.yaml", [f"scenario={path}"])
     (tmp_path / "run.yaml").write_text(small.to_yaml())
-    choose_run(tmp_path / "run.yaml", "a", False, [])
+    choose_run(str(tmp_path / "run.yaml"), "a", False, [])
     assert f"note: {note}\n" in capsys.readouterr().err
 
 
