@@ -221,7 +221,7 @@ def _outwards(least: float, most: float) -> tuple[float, float]:
 def _shrink_note(limits: tuple[float, float], reach: float) -> str:
     least = TASK_DISTANCE[0]
     reason = "the map offers no" if reach < least else "none of its free regions lie"
-    return f"start and goal {limits[0]:g} to {limits[1]:g} m apart: {reason} {least:g} m"
+    return f"start and goal {span(*limits)} m apart: {reason} {least:g} m"
 
 
 def _search_tasks(
@@ -278,7 +278,7 @@ def _no_tasks(roadmap: Roadmap, room: float, wanted: tuple[float, float] | None)
             "check its resolution, or give start_goal_distance"
         )
     return (
-        f"no connected start and goal that are {wanted[0]:g} to {wanted[1]:g} m apart; {offers}; "
+        f"no connected start and goal that are {span(*wanted)} m apart; {offers}; "
         "change start_goal_distance"
     )
 

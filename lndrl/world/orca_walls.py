@@ -111,10 +111,10 @@ def index_edges(edges: NDArray[np.float64], reach: float) -> Walls:
     middles = corner + 0.5 * _TILE
     starts = np.zeros(rows * columns + 1, dtype=np.int32)
     members = np.zeros(0, dtype=np.int32)
-    _insert(edges, boxes, middles, far, columns, starts[1:], members, False)  # how many first
+    insert_edges(edges, boxes, middles, far, columns, starts[1:], members, False)  # how many first
     np.cumsum(starts, out=starts)
     members = np.zeros(starts[-1], dtype=np.int32)
-    _insert(edges, boxes, middles, far, columns, starts[:-1].copy(), members, True)
+    insert_edges(edges, boxes, middles, far, columns, starts[:-1].copy(), members, True)
     return Walls(edges, members, starts, rows, columns, float(corner[0]), float(corner[1]))
 
 
@@ -133,7 +133,7 @@ def tile_boxes(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-def _insert(edges, boxes, middles, far, columns, places, members, write):
+def insert_edges(edges, boxes, middles, far, columns, places, members, write):
     """Count each tile's edges into ``places``, or ``write`` them to ``members`` from there on."""
     for e in range(len(edges)):
         for row in range(boxes[e, 1], boxes[e, 3] + 1):

@@ -18,7 +18,7 @@ from lndrl.maps.embedded import unpack, with_map
 from lndrl.maps.floors import edge_note, floor_around
 from lndrl.maps.grid import OccupancyGrid, distance_field, grid_from_scenario
 from lndrl.maps.outlines import Outline, geometry_outlines, grid_outlines, segments
-from lndrl.maps.paths import Roadmap, leg_room
+from lndrl.maps.paths import Roadmap, leg_keeps
 from lndrl.maps.raycast import clearance, sample_field
 from lndrl.maps.regions import centre
 from lndrl.randomness import State, stream_state, uniform
@@ -33,7 +33,7 @@ from lndrl.world.furnish import (
     plan_via,
 )
 from lndrl.world.layouts import generate
-from lndrl.world.orca_walls import Walls, index_edges, wall_edges
+from lndrl.world.orca_walls import Walls, index_edges, insert_edges, wall_edges
 
 _TRIES = 2000
 _ANY_DISTANCE = (0.0, np.inf)
@@ -89,7 +89,7 @@ class Place:
         room, when a robot task has no connected start and goal at ``start_goal_distance`` and
         farther apart than ``arrive_distance``, and for what is wrong with a map.
         """
-        expect(draw_free, leg_room)
+        expect(draw_free, insert_edges, leg_keeps)
         radius = WorldConfig().robot_radius if robot_radius is None else robot_radius
         arrive = TaskConfig().arrive_distance if arrive_distance is None else arrive_distance
         if scenario.kind == "random":
