@@ -22,8 +22,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of what makes kernels, which nobody, not even root, can write caches beside."""
     copy = tmp_path / "read-only" / "lndrl"
     copy.mkdir(parents=True)
-    for name in ("__init__.py", "caches.py", "randomness.py"):
-        shutil.copy(ROOT / "lndrl" / name, copy)
+    for file in (ROOT / "lndrl").glob("*.py"):
+        shutil.copy(file, copy)
     (copy / "__pycache__").write_text("a file in the place of the folder")
     monkeypatch.setenv("HOME", str(copy / "__init__.py" / "home"))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
