@@ -34,6 +34,7 @@ from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
 from lndrl.transport.status import LEARNER_ACTIVITIES, overhead
@@ -158,7 +159,7 @@ class Learner:
         self.ingest.close()
         if self.counters.updates and (
             self.last_checkpoint is None
-            or self.last_checkpoint[0].name != f"step-{self.counters.steps:09d}"
+            or self.last_checkpoint[0].name != checkpoint_name(self.counters.steps)
         ):
             self.checkpoint()
         if self.finished:

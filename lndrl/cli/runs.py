@@ -13,6 +13,7 @@ from pathlib import Path
 
 from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
+from lndrl.numbering import by_number
 from lndrl.scenario import BLOCKS
 
 RUNS = Path("runs")
@@ -84,5 +85,5 @@ def _resumed(
 
 
 def _known() -> str:
-    names = sorted(path.parent.name for path in RUNS.glob("*/config.yaml"))
+    names = sorted((path.parent.name for path in RUNS.glob("*/config.yaml")), key=by_number)
     return f"runs that exist: {', '.join(names)}" if names else "no run exists here yet"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,6 +10,7 @@ import typer
 
 from lndrl.cli.options import BenchName, TrustModules, names_in, trust
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.evaluation.benchmark import Cell, Plan, ResultsFolder
@@ -87,7 +87,7 @@ def benchmark(
     count = episodes or 500
     plan = Plan(folder, found, places, count, bench.seed, bench.changes)
     check_frozen(bench, plan.identity.scenarios)
-    _run(plan, len(os.sched_getaffinity(0)) if workers is None else workers)
+    _run(plan, usable_cores() if workers is None else workers)
     _summarize(plan)
     _show(folder, [contender.name for contender in found], places, count, json)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +11,7 @@ import typer
 from lndrl.cli.evaluation.benchmark import RESULTS
 from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Row
@@ -61,7 +61,7 @@ def calibrate(
     asked = None if variants is None else [v.strip() for v in variants.split(",") if v.strip()]
     chosen = choose(list(spec.variants), asked, "variant")
     if not table:
-        count = len(os.sched_getaffinity(0)) if workers is None else workers
+        count = usable_cores() if workers is None else workers
         _run(spec, chosen, RESULTS / name, episodes, count)
     rows = _rows(spec, chosen, RESULTS / name, episodes, by_scenario)
     if not rows:

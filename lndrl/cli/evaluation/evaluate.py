@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,6 +10,7 @@ import typer
 
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.evaluation import EvaluationResult
@@ -65,7 +65,7 @@ def evaluate(
     if settings and not any(map(is_own_planner, planners)):
         raise UserError("--planner-set goes with a planner of your own, e.g. my_package:Planner")
     own = own_metrics(metric or [])
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    count = usable_cores() if workers is None else workers
     results = [
         _evaluate_one(each, settings, scenario, episodes, seed, count, greedy, localization)
         for each in planners

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ import typer
 
 from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.config import LocalizationConfig
@@ -59,7 +59,7 @@ def localization(
     if out is not None:
         check_document(out)
     plan = _plan(scenarios, seeds, pedestrians, settings, updates)
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    count = usable_cores() if workers is None else workers
     report = _measure(plan, count)
     if out is not None:
         _write(report, out)

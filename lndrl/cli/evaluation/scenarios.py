@@ -11,6 +11,7 @@ import typer
 from lndrl.cli.completion import complete_scenario
 from lndrl.cli.options import TrustModules, check_picture, trust
 from lndrl.errors import UserError
+from lndrl.numbering import by_number
 
 if TYPE_CHECKING:
     from lndrl.scenario import Box, Scenario
@@ -55,7 +56,7 @@ def _all(draw: Path | None, layout: int, json: bool) -> None:
 
     folder = REPOSITORY_CONFIGS / "scenarios"
     known = [load_scenario(path.stem) for path in sorted(folder.glob("*.yaml"))]
-    known.sort(key=lambda scenario: (scenario.kind, scenario.name))
+    known.sort(key=lambda scenario: (scenario.kind, by_number(scenario.name)))
     if json:
         typer.echo(json_format.dumps([_summary(scenario) for scenario in known], indent=2))
     elif draw is None:

@@ -118,8 +118,9 @@ def _supervise(
     security: Security | None,
 ) -> None:
     """Keep the fleet alive and the picture fresh until the learner's thread ends."""
-    from actors.balance import Balance, first_choice, usable_cores
+    from actors.balance import Balance, first_choice
     from actors.fleet import Fleet
+    from lndrl.machine.cores import usable_cores
 
     cores = usable_cores()
     choice = first_choice(config, cores, learner.ppo.device.type)

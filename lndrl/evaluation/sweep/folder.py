@@ -21,6 +21,7 @@ from lndrl.errors import UserError
 from lndrl.evaluation.result import EvaluationResult, load_result
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.evaluation.sweep.spec import Sweep
+from lndrl.numbering import checkpoints_in
 
 State = Literal["missing", "begun", "diverged", "finished"]
 
@@ -74,7 +75,7 @@ class RunsFolder:
         folder = self.run_path(run)
         if _finished(folder / "summary.json"):
             return "finished"
-        if not any((folder / "checkpoints").glob("step-*")):
+        if not checkpoints_in(folder / "checkpoints"):
             return "missing"
         try:
             events = (folder / "events.log").read_text("utf-8")

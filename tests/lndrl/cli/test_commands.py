@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 import yaml
 
-from actors.balance import usable_cores
 from lndrl.cli.main import run
 from lndrl.cli.signals import stop_on_signals
 from lndrl.config import REPOSITORY_CONFIGS, load_config
+from lndrl.machine.cores import usable_cores
 from lndrl.transport import Security
 
 SCENARIO = {
