@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actors import worker
-from lndrl.extensions import trusted_modules
 from actors.worker import WorkerOptions
+from lndrl.extensions import trusted_modules
 from lndrl.machine.signals import starting_child, stop_handler
 
 if TYPE_CHECKING:

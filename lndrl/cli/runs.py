@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
+from learner.run.folder import RunFolder
 from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.numbering import by_number
@@ -76,6 +77,8 @@ def _resumed(
     folder = RUNS / name
     if not folder.is_dir():
         raise UserError(f"{folder} does not exist, so it cannot be resumed; {_known()}")
+    # Here already, as "the port is in use" would be half the truth. The learner takes the lock.
+    RunFolder.check_free(folder)
     own = folder / "config.yaml"
     if config_name is not None:
         given, kept = load_config(config_name), load_config(own)
