@@ -19,6 +19,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from lndrl.cli.again import remember
 from lndrl.errors import UserError
 from lndrl.machine.cores import limit_threads
 from lndrl.machine.signals import stop_handler
@@ -122,6 +123,7 @@ def _options(
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line; returns the exit code and never raises for user input."""
+    remember(arguments)
     arguments = list(_spread_lists(_spread_settings(arguments))) or ["--help"]
     try:
         result = get_command(app).main(args=arguments, prog_name="lndrl", standalone_mode=False)

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
 from learner.run.folder import RunFolder
+from lndrl.cli.again import resuming_command
+from lndrl.cli.signals import telling
 from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
-from lndrl.numbering import by_number
+from lndrl.numbering import by_number, checkpoints_in
 from lndrl.scenario import BLOCKS
 
 RUNS = Path("runs")
@@ -41,6 +44,20 @@ def choose_run(
         config, folder = _new(config_name or DEFAULTS["configuration"], name, overrides)
     _check_place(config)
     return config, folder
+
+
+@contextmanager
+def going_on(folder: Path) -> Iterator[None]:
+    """Say, when the training of ``folder`` is ended at once, how it goes on."""
+
+    def words() -> str:
+        kept = checkpoints_in(folder / "checkpoints")
+        if not kept:
+            return f"{folder} holds no checkpoint"
+        return f"{kept[-1]} is kept; go on with: {resuming_command(folder.name)}"
+
+    with telling(words):
+        yield
 
 
 def _check_place(config: RunConfig) -> None:

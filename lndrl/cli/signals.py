@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import TextIO
 
 from lndrl.machine.signals import stop_handler
 
@@ -60,7 +61,7 @@ def telling(words: Callable[[], str]) -> Iterator[None]:
         raise
 
 
-def say(line: str) -> None:
-    """A line on stderr, which may be closed."""
+def say(line: str, file: TextIO | None = None) -> None:
+    """A line on stderr, or on ``file``, that costs nothing where nobody can read it any more."""
     with suppress(OSError, ValueError):
-        print(line, file=sys.stderr, flush=True)
+        print(line, file=file or sys.stderr, flush=True)

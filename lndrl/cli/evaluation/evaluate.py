@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json as json_format
+import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
+from lndrl.cli.signals import say
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 
@@ -66,11 +70,14 @@ def evaluate(
         raise UserError("--planner-set goes with a planner of your own, e.g. my_package:Planner")
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
-    results = [
-        _evaluate_one(each, settings, scenario, episodes, seed, count, greedy, localization)
-        for each in planners
-    ]
-    results = [add_metrics(result, own) for result in results]
+    results: list[EvaluationResult] = []
+    for each in planners:
+        work = _Evaluation(each, settings, scenario, episodes, seed, greedy, localization)
+        try:
+            results.append(add_metrics(work.run(count), own))
+        except KeyboardInterrupt:
+            _show_unfinished(work, results, sys.stderr if json else sys.stdout)
+            raise
     if json:
         dictionaries = [result.to_dict() for result in results]
         content = dictionaries[0] if len(results) == 1 else {"results": dictionaries}
@@ -93,30 +100,60 @@ def _check(episodes: int, seed: int, workers: int | None) -> None:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
 
 
-def _evaluate_one(
-    planner: str,
-    settings: dict[str, Any],
-    scenario: str | None,
-    episodes: int,
-    seed: int,
-    workers: int,
-    greedy: bool,
-    localization: Localization | None,
-) -> EvaluationResult:
-    from lndrl.evaluation import evaluate as run_evaluation
-    from lndrl.evaluation import settings_for
-    from lndrl.planners import is_own_planner, planner_source
-    from lndrl.view.progress import progress_bar
+class _Evaluation:
+    """One planner's episodes, of which those that have ended are known at any time."""
 
-    source = planner_source(planner, settings if is_own_planner(planner) else None)
-    config = settings_for(source, scenario, localization)
-    title = f"{Path(planner).name} on {config.scenario.name}"
-    arrived = 0
-    with progress_bar(episodes, title, "episodes") as advance:
+    def __init__(
+        self,
+        planner: str,
+        settings: dict[str, Any],
+        scenario: str | None,
+        episodes: int,
+        seed: int,
+        greedy: bool,
+        localization: Localization | None,
+    ) -> None:
+        from lndrl.evaluation import settings_for
+        from lndrl.planners import is_own_planner, planner_source
 
-        def note(record: EpisodeRecord) -> None:
-            nonlocal arrived
-            arrived += record.outcome == "arrived"
-            advance(1, f"{arrived} arrived")
+        self.source = planner_source(planner, settings if is_own_planner(planner) else None)
+        config = settings_for(self.source, scenario, localization)
+        self.config = config.model_copy(update={"seed": seed})
+        self.episodes, self.greedy = episodes, greedy
+        self.title = f"{Path(planner).name} on {config.scenario.name}"
+        self.records: list[EpisodeRecord] = []
 
-        return run_evaluation(source, config, episodes, seed, workers, greedy, note)
+    def run(self, workers: int) -> EvaluationResult:
+        """All episodes, with a bar that says how far they are."""
+        from lndrl.evaluation import evaluate as run_evaluation
+        from lndrl.view.progress import progress_bar
+
+        arrived = 0
+        with progress_bar(self.episodes, self.title, "episodes") as advance:
+
+            def note(record: EpisodeRecord) -> None:
+                nonlocal arrived
+                self.records.append(record)
+                arrived += record.outcome == "arrived"
+                advance(1, f"{arrived} arrived")
+
+            seed, greedy = self.config.seed, self.greedy
+            return run_evaluation(
+                self.source, self.config, self.episodes, seed, workers, greedy, note
+            )
+
+
+def _show_unfinished(work: _Evaluation, done: list[EvaluationResult], file: TextIO) -> None:
+    """What there is when it is interrupted; never on a stdout where JSON is expected."""
+    from lndrl.cli.tables import print_tables
+    from lndrl.evaluation import result_of, result_table
+
+    with suppress(OSError):
+        print_tables(*(result_table(result) for result in done), file=file)
+        if work.records:
+            so_far = result_of(work.source, work.config, work.greedy, work.records)
+            print_tables(result_table(so_far, work.episodes), file=file)
+    say(
+        f"stopped: {work.title}, {len(work.records)} of {work.episodes} episodes have ended and "
+        f"are not kept; begin again with: {same_command()}"
+    )

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from lndrl.navigation.snapshot import WorldSnapshot
 
 
+@telling(lambda: f"no whole picture was written; begin again with: {same_command()}")
 def play(
     planner: Annotated[
         str,

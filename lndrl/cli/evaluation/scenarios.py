@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_scenario
 from lndrl.cli.options import TrustModules, check_picture, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 from lndrl.numbering import by_number
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from lndrl.world import Place
 
 
+@telling(lambda: f"pictures that are whole are kept; begin again with: {same_command()}")
 def scenarios(
     name: Annotated[
         str | None,
