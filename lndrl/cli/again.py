@@ -49,7 +49,7 @@ def resuming_command(run: str) -> str:
 def _program() -> list[str]:
     """How this program was started: by its name, its path, or as Python's module."""
     called = Path(sys.argv[0] if sys.argv else "")
-    if called.name == "__main__.py":
+    if (called.parent.name, called.name) == ("lndrl", "__main__.py"):
         return [sys.executable, "-m", "lndrl"]
     found = shutil.which("lndrl")
     is_script = called.name == "lndrl" and called.exists()

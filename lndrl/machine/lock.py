@@ -119,6 +119,6 @@ def check_free(folder: Path, whose: str, advice: str) -> None:
 
 def _command() -> str:
     """What was called, as short as it can be told."""
-    program = Path(sys.argv[0]).name if sys.argv else ""
-    name = "lndrl" if program in ("lndrl", "__main__.py") else program
+    program = Path(sys.argv[0] if sys.argv else "")
+    name = program.parent.name if program.name == "__main__.py" else program.name
     return " ".join([name, *sys.argv[1:2]])
