@@ -68,6 +68,6 @@ def learner(
     with stop_on_signals("the learner writes a checkpoint") as stop, going_on(folder):
         summary = run_learner(chosen, folder, resume, None, stop, checkpoint, security=security)
     typer.echo(str(summary))
-    if not summary.finished:
+    if stop.is_set() and not summary.finished:
         say(f"go on with: {resuming_command(folder.name)}")
     raise typer.Exit(stop.exit_code)

@@ -101,6 +101,6 @@ def train(
                 chosen, folder, resume, checkpoint, drawn, stop, security=security
             )
     typer.echo(str(summary))
-    if not summary.finished:
+    if stop.is_set() and not summary.finished:
         say(f"go on with: {resuming_command(folder.name)}")
     raise typer.Exit(stop.exit_code)

@@ -26,6 +26,15 @@ SCENARIO = {
 }
 
 
+class Summary:
+    """Of a run that was stopped."""
+
+    finished = False
+
+    def __str__(self) -> str:
+        return "finished after 10 steps"
+
+
 class Services:
     """Stands where learner and actors would start; remembers the calls."""
 
@@ -39,7 +48,7 @@ class Services:
             self.calls.append((name, arguments, options))
             for number in self.signals:
                 os.kill(os.getpid(), number)
-            return self.exit_code if name == "fleet" else "finished after 10 steps"
+            return self.exit_code if name == "fleet" else Summary()
 
         return called
 
@@ -319,6 +328,8 @@ def test_the_first_signal_asks_for_an_orderly_end(
     captured = capsys.readouterr()
     assert "stopping: the learner writes a checkpoint" in captured.err
     assert captured.out == "finished after 10 steps\n"
+    name = services.calls[0][1][1].name
+    assert captured.err.endswith(f"go on with: lndrl {command} run.yaml --run {name} --resume\n")
     assert signal.getsignal(number) is before
 
 

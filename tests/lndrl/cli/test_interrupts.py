@@ -23,6 +23,7 @@ pedestrians: {count: [1, 1], routes: [{start: [1, 4, 2, 4.5], goal: [5, 4, 6, 4.
 robot: [{start: [1, 1, 2, 3], goal: [4, 1, 5, 3]}]
 """
 BENCH = "scenarios: [room.yaml]\nmethods:\n  random: {planner: random}\n"
+CALIBRATION = "seed: 3\nscenarios: [sparse]\nvariants: {as_is: {why: nothing changes}}\n"
 FEW = "min_particles: 100\nmax_particles: 200\n"
 
 
@@ -131,7 +132,8 @@ def test_a_results_folder_has_one_command_at_a_time(here: Path, capsys) -> None:
 
 def test_calibrate_goes_on(here: Path, ctrl_c, told) -> None:
     ctrl_c(1)
-    command = "calibrate --variants as_is --episodes 8 --workers 0".split()
+    Path("variants.yaml").write_text(CALIBRATION)
+    command = "calibrate variants.yaml --episodes 8 --workers 0".split()
     _, line = told(command)
     assert "missing episodes have ended and are kept in results/calibration; go on with:" in line
     assert line.endswith(shlex.join(["lndrl", *command]))

@@ -109,7 +109,7 @@ def test_a_signal_to_all_ends_evaluate_and_its_workers(room: str, number: int, c
         os.killpg(process.pid, number)
         assert process.wait(30) == code
         error = process.stderr.read()
-        assert "Traceback" not in error and "worker" not in error
+        assert "Traceback" not in error and "worker " not in error
         assert "stopped: random on room, " in error
         while any(Path(f"/proc/{pid}").exists() for pid in children):
             assert time.monotonic() < deadline + 10
