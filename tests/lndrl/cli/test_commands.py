@@ -16,6 +16,7 @@ from lndrl.cli.main import run
 from lndrl.cli.signals import stop_on_signals
 from lndrl.config import REPOSITORY_CONFIGS, load_config
 from lndrl.machine.cores import usable_cores
+from lndrl.machine.lock import FolderLock
 from lndrl.transport import Security
 
 SCENARIO = {
@@ -339,6 +340,17 @@ def test_the_second_signal_ends_at_once() -> None:
         assert stop.wait(5)
         os.kill(os.getpid(), signal.SIGINT)
         pytest.fail("the second signal was swallowed")
+
+
+@pytest.mark.parametrize("command", ["train", "learner", "train --serial"])
+def test_a_run_that_is_at_work_is_refused_before_a_port_is_asked_for(
+    command: str, services: Services, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with FolderLock(existing_run(), "a learner", "stop it"):
+        error = refused(capsys, *command.split(), "--run", "first", "--resume")
+    words = f"runs/first: a learner is still at work there, process {os.getpid()} on "
+    assert words in error and error.rstrip().endswith("stop it there, or choose another --run")
+    assert not services.calls
 
 
 def test_a_start_inside_a_wall_is_refused_before_anything_is_written(
