@@ -7,7 +7,6 @@ to be right within a factor of two or so, as ``Balance`` mends the rest.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 from lndrl.config import RunConfig
@@ -28,13 +27,6 @@ class Choice:
     actors: int
     worlds: int
     learner_threads: int
-
-
-def usable_cores() -> int:
-    """Cores that this process may run on."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def first_choice(config: RunConfig, cores: int, learner_device: str = "cpu") -> Choice:
@@ -66,7 +58,7 @@ class Balance:
     and every change of mind doubles that rest, as the right number then lies between two.
 
     Args:
-        most: the fleet never grows beyond this; the cores of the machine.
+        most: the fleet never grows beyond this; the cores that it may use.
     """
 
     WINDOW = 30.0  # s behind each share it is told

@@ -20,18 +20,18 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from actors import worker
-from actors.worker import STOP_SIGNALS, WorkerOptions
+from actors.worker import WorkerOptions
 from lndrl.extensions import trusted_modules
+from lndrl.machine.signals import starting_child, stop_handler
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ class Fleet:
         slot.process = context.Process(
             target=worker.main, args=(options, theirs), name=slot.actor_id, daemon=True
         )
-        with _signals_blocked():
+        with starting_child():
             slot.process.start()
         theirs.close()  # ours is then the only copy, and reading ends when the worker does
         slot.started = time.monotonic()
@@ -267,53 +267,39 @@ def run_fleet(
     namespace: str = "",
     ledger: Path | None = None,
 ) -> int:
-    """Run N actors in the foreground until the run is done, Ctrl-C or SIGTERM.
+    """Run N actors in the foreground until the run is done, Ctrl-C, SIGTERM or SIGHUP.
 
     Returns the exit code: 0 done or asked to stop, 2 an error that the user can mend, whose
     sentence is printed once. No process is left behind. Call from the main thread.
     """
     stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in STOP_SIGNALS}
     fleet = Fleet(
         endpoint, count, worlds, device, log=_print, security=security, namespace=namespace,
         ledger=ledger,
     )  # fmt: skip
     code: int | None = None
-    try:
-        fleet.start()
-        while code is None and not stop.is_set():
-            code = fleet.poll()
-            stop.wait(POLL_INTERVAL)
-    finally:
-        fleet.stop()
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with stop_handler(lambda *_: stop.set()):
+        try:
+            fleet.start()
+            while code is None and not stop.is_set():
+                code = fleet.poll()
+                stop.wait(POLL_INTERVAL)
+        finally:
+            fleet.stop()
     if fleet.error:
-        print(fleet.error, file=sys.stderr, flush=True)
+        with suppress(OSError):
+            print(fleet.error, file=sys.stderr, flush=True)
     elif code is None:
         _print(f"stopped {counted(count, 'actor')}")
     return code or 0
 
 
 def _print(line: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')} {line}", file=sys.stderr, flush=True)
+    with suppress(OSError):  # a closed terminal is no reason to end
+        print(f"{time.strftime('%H:%M:%S')} {line}", file=sys.stderr, flush=True)
 
 
 def _cause(code: int | None) -> str:
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Let a spawned child inherit a mask under which stop signals wait until it is ready.
-
-    A signal during the child's imports would otherwise end it with a traceback.
-    """
-    resource_tracker.ensure_running()  # it unblocks these signals itself when it has to start
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

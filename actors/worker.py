@@ -1,35 +1,30 @@
 """Entry of one actor process; spawned by ``actors.fleet``.
 
-Only the standard library is imported at the top: thread limits must stand in the environment
-before NumPy, numba or torch are loaded.
+Only the standard library, and what needs no more, is imported at the top: thread limits must
+stand in the environment before NumPy, numba or torch are loaded.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 import threading
 import time
 import traceback
+from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from lndrl.machine.cores import THREAD_VARIABLES
+from lndrl.machine.signals import stop_handler, unblock
+
 LEAVE_WITHIN = 1.5
 """Seconds between a request to stop and a hard exit; only an unfinished chunk is lost."""
 
 PARENT_POLL = 0.5
-STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT)
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-)
 
 
 @dataclass(frozen=True)
@@ -82,21 +77,21 @@ def main(options: WorkerOptions, channel: Connection) -> None:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     stop = threading.Event()
-    for number in STOP_SIGNALS:
-        signal.signal(number, lambda *_: stop.set())
-    # The fleet spawns with these blocked, so that none arrives before there is a handler.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, STOP_SIGNALS)
-    threading.Thread(target=_leave_in_time, args=(stop, options.parent), daemon=True).start()
-    try:
-        code = _run(options, stop, Report(channel))
-    except Exception:
-        traceback.print_exc()
-        code = 1
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # Everything is closed. Taking the interpreter apart beside zenoh's and torch's threads can
-    # take seconds, and the daemon thread that bounds them no longer runs by then.
-    os._exit(code)
+    with stop_handler(lambda *_: stop.set()):
+        # The fleet spawns with these blocked, so that none arrives before there is a handler.
+        unblock()
+        threading.Thread(target=_leave_in_time, args=(stop, options.parent), daemon=True).start()
+        try:
+            code = _run(options, stop, Report(channel))
+        except Exception:
+            traceback.print_exc()
+            code = 1
+        with suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        # Everything is closed. Taking the interpreter apart beside zenoh's and torch's threads can
+        # take seconds, and the daemon thread that bounds them no longer runs by then.
+        os._exit(code)
 
 
 def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:

@@ -34,6 +34,7 @@ from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
 from lndrl.transport.status import LEARNER_ACTIVITIES, overhead
@@ -75,12 +76,12 @@ class Learner:
         chosen: Path | None = None
         books: dict[str, Any] = {}
         if resume:
-            clean_up(path / "checkpoints")
-            chosen = find_checkpoint(path / "checkpoints", checkpoint)
-            self.counters, books = load_checkpoint(chosen, self.ppo)
-        elif config.learner.start is not None:
-            begin = f"from the networks of {start_from(Path(config.learner.start), self.ppo)}"
-        self.folder = (RunFolder.open if resume else RunFolder.create)(path, config)
+            self.folder = RunFolder.open(path)
+            chosen, books = self._load(checkpoint)
+        else:
+            if config.learner.start is not None:
+                begin = f"from the networks of {start_from(Path(config.learner.start), self.ppo)}"
+            self.folder = RunFolder.create(path, config)
         self.events = EventLog(self.folder.events, quiet)
         on_change = self.events.on_disk_change
         self.accounts = Accounts(
@@ -110,6 +111,9 @@ class Learner:
         self.events.add("start", f"run {self.folder.run_id} {where}")
         for note in config.scenario.map_notes:
             self.events.add("map", note)
+        if self.folder.unlocked:
+            text = f"the folder cannot be locked ({self.folder.unlocked}): let no other learner in"
+            self.events.add("disk", text)
         if chosen is not None:
             self._take_up(chosen, books)
         self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
@@ -160,7 +164,7 @@ class Learner:
         self.ingest.close()
         if self.counters.updates and (
             self.last_checkpoint is None
-            or self.last_checkpoint[0].name != f"step-{self.counters.steps:09d}"
+            or self.last_checkpoint[0].name != checkpoint_name(self.counters.steps)
         ):
             self.checkpoint()
         if self.finished:
@@ -179,6 +183,7 @@ class Learner:
         self.recorder.close()
         self.accounts.close()
         self.events.close()
+        self.folder.release()
 
     # -- steps of the loop -------------------------------------------------------------------
 
@@ -186,6 +191,19 @@ class Learner:
         if self.config.learner.mode == "lockstep":
             return self.ingest.take_round(self.config.fixed_actors, timeout)
         return self.ingest.take(self.config.ppo.batch_size, timeout)
+
+    def _load(self, checkpoint: str | None) -> tuple[Path, dict[str, Any]]:
+        """Go on from a checkpoint of the folder; returns which, and the books in it."""
+        folder = self.folder
+        try:
+            clean_up(folder.checkpoints)
+            chosen = find_checkpoint(folder.checkpoints, checkpoint)
+            self.counters, books = load_checkpoint(chosen, self.ppo)
+            folder.write_config(self.config)
+        except BaseException:
+            folder.release()
+            raise
+        return chosen, books
 
     def _take_up(self, checkpoint: Path, books: dict[str, Any]) -> None:
         """Learn from the checkpoint and the ledger what came in before, and what was lost."""
@@ -197,6 +215,7 @@ class Learner:
                 lambda chunk: self.roster.is_known(*chunk),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
+            self.folder.release()
             raise UserError(damaged(checkpoint, error)) from None
         self.roster.reconcile(recovery.settled, recovery.excused)
         self.ingest.newest_version = recovery.newest_version

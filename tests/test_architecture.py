@@ -20,6 +20,8 @@ FLOORS = {
     "lndrl.kernels": 0,
     "lndrl.extensions": 0,
     "lndrl.models": 0,
+    "lndrl.machine": 0,
+    "lndrl.numbering": 0,
     "lndrl.scenario": 0,
     "lndrl.config": 0,
     "lndrl.randomness": 0,

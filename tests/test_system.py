@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import pty
+import select
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,13 @@ PATIENCE = 120.0  # s; compiling on a busy machine takes long
 LNDRL = [sys.executable, "-m", "lndrl"]
 ROOT = Path(__file__).resolve().parent.parent
 
+# Makes standard input the terminal of this process and becomes the program that follows.
+IN_TERMINAL = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
+"""
+
 SMALL: dict[str, Any] = {
     "scenario": "hybrid",
     "network": {"map_channels": [4, 4, 8], "features": 16, "goal_features": 8},
@@ -31,6 +41,24 @@ SMALL: dict[str, Any] = {
     "actor": {"count": 1, "worlds": 2, "horizon": 16},
     "localization": {"min_particles": 100, "max_particles": 200},
 }
+
+
+class Terminal:
+    """A window that a program draws in, until it is closed."""
+
+    def __init__(self) -> None:
+        self.descriptor, self.inside = pty.openpty()
+        self.text = b""
+
+    def read(self) -> bool:
+        """Take in what was drawn, so that the program need not wait; always true."""
+        while select.select([self.descriptor], [], [], 0.0)[0]:
+            self.text += os.read(self.descriptor, 65536)
+        return True
+
+    def close(self) -> None:
+        """The user closes it: the program and its shell hear of it."""
+        os.close(self.descriptor)
 
 
 class Desk:
@@ -43,21 +71,39 @@ class Desk:
         # A user's own modules of our names must not stand in for ours, in any process.
         for name in ("learner", "actors"):
             (folder / f"{name}.py").write_text("raise SystemExit(f'{__file__} was imported')\n")
+        self.environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
         (folder / "small.yaml").write_text(yaml.safe_dump(SMALL))
 
-    def start(self, *arguments: str) -> subprocess.Popen[str]:
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    def start(self, *arguments: str, before: Sequence[str] = ()) -> subprocess.Popen[str]:
         log = (self.folder / f"log-{len(self.processes)}").open("w")
         process = subprocess.Popen(
-            [*LNDRL, *arguments],
+            [*before, *LNDRL, *arguments],
             cwd=self.folder,
-            env=environment,
+            env=self.environment,
             stdout=log,
             stderr=subprocess.STDOUT,
             text=True,
         )
         self.processes.append(process)
         return process
+
+    def start_in_terminal(self, *arguments: str) -> tuple[subprocess.Popen[str], Terminal]:
+        """The same in a terminal of its own, which the program is told of when it closes."""
+        terminal = Terminal()
+        (self.folder / f"log-{len(self.processes)}").write_text("(in a terminal)")
+        process = subprocess.Popen(
+            [sys.executable, "-c", IN_TERMINAL, *LNDRL[1:], *arguments],
+            cwd=self.folder,
+            env={**self.environment, "TERM": "xterm"},
+            stdin=terminal.inside,
+            stdout=terminal.inside,
+            stderr=terminal.inside,
+            text=True,
+            start_new_session=True,
+        )
+        os.close(terminal.inside)
+        self.processes.append(process)
+        return process, terminal
 
     def log(self, process: subprocess.Popen[str]) -> str:
         return (self.folder / f"log-{self.processes.index(process)}").read_text()
@@ -132,6 +178,39 @@ def test_train_replaces_a_killed_actor_and_ctrl_c_leaves_nothing(desk: Desk) -> 
     steps = desk.rows()[-1]["steps"]
     assert (desk.folder / f"runs/a/checkpoints/step-{steps:09d}").is_dir()
     assert "Traceback" not in desk.log(run)
+
+
+def test_a_closed_terminal_leaves_a_checkpoint_and_no_process(desk: Desk) -> None:
+    """And a run has one learner: a second one is refused while the first is at work."""
+    command = ("train", "small.yaml", "--listen", desk.endpoint, "--run", "a")
+    run, terminal = desk.start_in_terminal(*command)
+    desk.wait("updates", lambda: terminal.read() and len(desk.rows()) >= 2)
+    second = desk.start("learner", "--run", "a", "--resume", "--listen", free_endpoint())
+    desk.wait("a refusal", lambda: terminal.read() and second.poll() is not None)
+    assert second.returncode == 2
+    (line,) = desk.log(second).splitlines()
+    host = socket.gethostname()
+    assert f"runs/a: a learner is still at work there, process {run.pid} on {host} (" in line
+    family = descendants(run.pid)
+    terminal.close()
+    assert run.wait(timeout=30) == 129
+    desk.wait("end of the family", lambda: not any(lives(pid) for pid in family))
+    steps = desk.rows()[-1]["steps"]
+    assert (desk.folder / f"runs/a/checkpoints/step-{steps:09d}").is_dir()
+    assert "stopped at step" in (desk.folder / "runs/a/events.log").read_text()
+
+
+def test_nohup_goes_on_without_a_terminal(desk: Desk) -> None:
+    run = desk.start("train", "small.yaml", "--serial", "--run", "a", before=["nohup"])
+    desk.wait("updates", lambda: len(desk.rows()) >= 1)
+    run.send_signal(signal.SIGHUP)
+    count = len(desk.rows())
+    desk.wait("going on", lambda: len(desk.rows()) >= count + 2)
+    run.send_signal(signal.SIGTERM)
+    assert run.wait(timeout=30) == 143
+    log = desk.log(run)
+    assert "Traceback" not in log
+    assert log.endswith("-m lndrl train small.yaml --serial --run a --resume\n")
 
 
 def test_serial_runs_repeat_byte_for_byte_apart_from_times(desk: Desk) -> None:

@@ -7,7 +7,6 @@ that is split over both. A GPU is fed by one thread and has a stream for each ne
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
@@ -24,6 +23,7 @@ from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
+from lndrl.machine.cores import usable_cores
 from lndrl.policy import (
     Network,
     build_policy,
@@ -78,7 +78,7 @@ class PPO:
             DeviceSamples(config, self.device) if self._on_device else Samples(config)
         )
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
-        cores = config.learner.threads or os.cpu_count() or 1
+        cores = config.learner.threads or usable_cores()
         self.threads = max(1, cores // 2)
         # Always the same thread for a network: a thread's allocator fits what it did before.
         self._threads = {

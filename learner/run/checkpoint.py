@@ -25,6 +25,7 @@ from torch import Tensor
 from learner.ppo.adam import Adam
 from learner.ppo.update import PPO
 from lndrl.errors import UserError
+from lndrl.numbering import checkpoint_name, checkpoints_in, step_of
 from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
 
 VALUE_FILE = "value.safetensors"
@@ -57,7 +58,7 @@ def save_checkpoint(
     ``books``: what else to remember, plain data under names of its own. Raises OSError when the
     disk refuses; what was there before stays untouched, and nothing half written remains.
     """
-    name = f"step-{counters.steps:09d}"
+    name = checkpoint_name(counters.steps)
     temporary = folder / f".{name}{_PARTIAL}"
     try:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -68,7 +69,7 @@ def save_checkpoint(
     except OSError:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
-    for old in list_checkpoints(folder)[:-keep]:
+    for old in checkpoints_in(folder)[:-keep]:
         if old != target:
             shutil.rmtree(old, ignore_errors=True)
     return target
@@ -98,19 +99,14 @@ def set_aside_later(path: Path) -> list[str]:
     Returns their names; those that the disk holds on to stay.
     """
     aside = []
-    for later in list_checkpoints(path.parent):
-        if later.name > path.name:
+    for later in checkpoints_in(path.parent):
+        if step_of(later) > step_of(path):
             target = later.with_name(f"abandoned-{later.name}")
             shutil.rmtree(target, ignore_errors=True)
             with suppress(OSError):
                 later.rename(target)
                 aside.append(later.name)
     return aside
-
-
-def list_checkpoints(folder: Path) -> list[Path]:
-    """The checkpoints in ``folder``, oldest first."""
-    return sorted(path for path in folder.glob("step-*") if path.is_dir())
 
 
 def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
@@ -147,7 +143,7 @@ def start_from(run: Path, ppo: PPO) -> Path:
 
     Returns the checkpoint; raises UserError when there is none or it is of another network.
     """
-    known = list_checkpoints(run / "checkpoints")
+    known = checkpoints_in(run / "checkpoints")
     if not known:
         raise UserError(f"learner.start: {run} holds no checkpoint; name the folder of a run")
     order = ppo.rng.bit_generator.state
@@ -158,7 +154,7 @@ def start_from(run: Path, ppo: PPO) -> Path:
 
 def find_checkpoint(folder: Path, name: str | None) -> Path:
     """The newest checkpoint in ``folder`` or the one called ``name``; raises UserError."""
-    known = list_checkpoints(folder)
+    known = checkpoints_in(folder)
     if name is not None:
         if folder / name not in known:
             names = ", ".join(path.name for path in known) or "none"
@@ -174,7 +170,7 @@ def find_checkpoint(folder: Path, name: str | None) -> Path:
 
 def damaged(path: Path, why: Exception | str) -> str:
     """A sentence about a checkpoint that cannot be used, naming the one before it."""
-    before = [p.name for p in list_checkpoints(path.parent) if p.name < path.name]
+    before = [p.name for p in checkpoints_in(path.parent) if step_of(p) < step_of(path)]
     advice = f"use --checkpoint {before[-1]}, the one before" if before else "there is none before"
     if isinstance(why, KeyError):
         why = f"{why} is missing"

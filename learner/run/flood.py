@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from lndrl.numbering import by_number
+
 WINDOW = 5.0  # s
 _EACH = 3  # events told per sender and window
 _ALL = 60  # events told per kind and window, whoever sent them
@@ -56,7 +58,7 @@ class Flood:
 
 
 def _sentence(window: _Window) -> str:
-    names = sorted(window.senders)
+    names = sorted(window.senders, key=by_number)
     others = len(names) - 1
     full = len(names) == _NAMED
     more = f" and {others}{' or more' if full else ''} others" if others else ""

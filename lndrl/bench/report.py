@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def machine() -> dict[str, Any]:
             versions[module] = metadata.version(package)
     return {
         "cpu": _cpu_model(),
-        "cores": len(os.sched_getaffinity(0)),
+        "cores": usable_cores(),
         "system": f"{platform.system()} {platform.release()}",
         "load": round(os.getloadavg()[0], 2),
         "versions": versions,

@@ -153,7 +153,8 @@ class Paused:
 
 def _settings() -> list[str]:
     """Arguments under which a run does not notice that it stood still, and keeps its actors."""
-    from actors.balance import first_choice, usable_cores
+    from actors.balance import first_choice
+    from lndrl.machine.cores import usable_cores
 
     actors = first_choice(load_config(CONFIG), usable_cores()).actors
     waits = [f"transport.{key}={_PATIENCE:g}" for key in ("lease", "upload_timeout")]

@@ -21,6 +21,7 @@ from PIL import Image
 from lndrl.config import REPOSITORY_CONFIGS, load_config, load_scenario, parse_config
 from lndrl.errors import UserError
 from lndrl.maps.ros_map import load_ros_map
+from lndrl.numbering import by_number
 from lndrl.policy import load_policy
 
 SHOWN = 10
@@ -107,7 +108,7 @@ def make_samples(folder: Path) -> list[Sample]:
     """Good files of every kind, in ``folder``, each loadable."""
     folder.mkdir(parents=True, exist_ok=True)
     samples = [_configuration(folder), *_maps(folder), *_checkpoint(folder)]
-    for path in sorted((REPOSITORY_CONFIGS / "scenarios").glob("*.yaml")):
+    for path in sorted((REPOSITORY_CONFIGS / "scenarios").glob("*.yaml"), key=by_number):
         if "kind: map" not in path.read_text("utf-8"):
             copy = folder / f"scenario-{path.name}"
             shutil.copyfile(path, copy)

@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 import secrets
-import signal
 import sys
 import time
 from collections import Counter, deque
@@ -28,6 +27,7 @@ from lndrl.chaos.stage import wait_for
 from lndrl.chaos.turns import Flood, durations
 from lndrl.config import TransportConfig, parse_config
 from lndrl.errors import UserError
+from lndrl.machine.signals import stop_handler
 from lndrl.transport import Ack, MessageError, Refusal, Welcome
 from lndrl.transport.keys import HELLO
 from lndrl.transport.messages import decode, encode
@@ -226,14 +226,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     _step_back()
     stop = Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
 
     def tell(sent: Sent) -> None:
         print(sent.to_json(), flush=True)
 
     try:
-        run_floods(options.connect, options.seed, options.count, options.rate, stop, tell)
+        with stop_handler(lambda *_: stop.set()):
+            run_floods(options.connect, options.seed, options.count, options.rate, stop, tell)
     except (UserError, TimeoutError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lndrl.numbering import by_number
+
 Chunk = tuple[str, str, int]
 ACKNOWLEDGED = ("accepted", "duplicate")
 SHOWN = 20  # contradictions that are kept as words
@@ -260,8 +262,8 @@ def parse(line: str) -> dict[str, Any] | None:
 
 def files_of(ledger: Path) -> list[Path]:
     """A learner's ledger with the files that it went on from, ``ledger.N`` first; oldest first."""
-    older = ledger.parent.glob(f"{ledger.name}.*")
-    return [*sorted(older, key=lambda path: int(path.suffix[1:]), reverse=True), ledger]
+    older = [p for p in ledger.parent.glob(f"{ledger.name}.*") if p.suffix[1:].isdecimal()]
+    return [*sorted(older, key=by_number, reverse=True), ledger]
 
 
 def lines_of(*paths: Path) -> Iterator[str]:

@@ -10,7 +10,6 @@ import argparse
 import json
 import os
 import random
-import signal
 import sys
 import threading
 import time
@@ -22,6 +21,7 @@ from typing import Any
 from actors.actor import Actor
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.machine.signals import stop_handler
 from lndrl.transport.ledger import Entry
 from lndrl.transport.zenoh.actor import ZenohActor
 from lndrl.transport.zenoh.session import ZenohSession
@@ -135,8 +135,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--counts", type=Path, required=True, help="JSON of what it did")
     options = parser.parse_args(arguments)
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    with stop_handler(lambda *_: stop.set()):
+        # As every worker does: nothing beside zenoh's and torch's threads to wait for.
+        os._exit(_play(options, stop))
+
+
+def _play(options: argparse.Namespace, stop: threading.Event) -> int:
+    """The rogue's whole life; returns its exit code."""
     endpoint = RogueEndpoint(
         options.connect, None, options.seed, options.share, options.keep_weights
     )
@@ -157,7 +162,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         endpoint.close()
     _write(options.counts, endpoint)
     sys.stderr.flush()
-    os._exit(code)  # as every worker does: nothing beside zenoh's and torch's threads to wait for
+    return code
 
 
 def _watch(stop: threading.Event, parent: int, endpoint: RogueEndpoint, counts: Path) -> None:

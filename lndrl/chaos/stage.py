@@ -21,6 +21,7 @@ import yaml
 
 from lndrl.chaos.proxy import Proxy
 from lndrl.evaluation.sweep.processes import free_port, this_program
+from lndrl.numbering import by_number
 
 RUN, SIDE_RUN = "chaos", "side"
 UPLOAD_TIMEOUT = 4.0
@@ -157,7 +158,7 @@ class Stage:
 
     def actor_ledgers(self, run: str = RUN) -> list[Path]:
         """What the actors of a run wrote down."""
-        paths = sorted(self.folder.glob("*.ledger.jsonl"))
+        paths = sorted(self.folder.glob("*.ledger.jsonl"), key=by_number)
         return [path for path in paths if path.name.startswith("side-") == (run == SIDE_RUN)]
 
     def ledger_for(self, name: str) -> Path:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from lndrl.cli.again import same_command
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 
 
@@ -40,31 +42,54 @@ def bench(
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
 
-    from lndrl.bench import report, train
-    from lndrl.cli.tables import print_tables
+    from lndrl.bench import report
 
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
     if profile and name != "train":
         raise UserError(f"--profile goes with train, not with {name}")
     names = list(report.BENCHMARKS) if name == "all" else [name]
-    figures = {}
-    for each in names:
-        on_device = device if name != "all" or each in report.ON_DEVICES else None
-        if profile:
-            figures[each] = train.measure_profile(seconds, device or "cpu")
-        else:
-            figures[each] = report.measure(each, seconds, on_device)
-        if peers and (name != "all" or each in report.COMPARED):
-            figures[each]["peers"] = report.measure_peers(each, seconds)
-        if not json_output:
-            plain = {key: value for key, value in figures[each].items() if key != "profile"}
-            print_tables(report.figures_table(each, plain))
-            if profile:
-                print_tables(train.profile_table(figures[each]["profile"]))
+    figures: dict[str, Any] = {}
+
+    def words() -> str:
+        left = ", ".join(each for each in names if each not in figures)
+        shown = "printed nothing" if json_output else f"showed {', '.join(figures) or 'nothing'}"
+        return f"{shown}; not measured: {left or 'nothing'}; begin again with: {same_command()}"
+
+    with telling(words):
+        _measure(names, figures, name == "all", peers, profile, seconds, device, json_output)
     facts = report.machine()
     if not json_output:
         typer.echo(report.machine_line(facts))
         return
     content = figures if name == "all" else figures[name]
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
+
+
+def _measure(
+    names: list[str],
+    figures: dict[str, Any],
+    everything: bool,
+    peers: bool,
+    profile: bool,
+    seconds: float,
+    device: str | None,
+    quiet: bool,
+) -> None:
+    """Measure ``names`` into ``figures`` and show each as soon as it is there, unless ``quiet``."""
+    from lndrl.bench import report, train
+    from lndrl.cli.tables import print_tables
+
+    for each in names:
+        on_device = device if not everything or each in report.ON_DEVICES else None
+        if profile:
+            figures[each] = train.measure_profile(seconds, device or "cpu")
+        else:
+            figures[each] = report.measure(each, seconds, on_device)
+        if peers and (not everything or each in report.COMPARED):
+            figures[each]["peers"] = report.measure_peers(each, seconds)
+        if not quiet:
+            plain = {key: value for key, value in figures[each].items() if key != "profile"}
+            print_tables(report.figures_table(each, plain))
+            if profile:
+                print_tables(train.profile_table(figures[each]["profile"]))

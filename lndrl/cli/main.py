@@ -1,7 +1,7 @@
 """The command ``lndrl``: one small file per subcommand, imported when it is called.
 
 Exit codes: 0 done, 1 the work failed, 2 the input must be mended (one sentence on stderr),
-130 interrupted by Ctrl-C, 143 asked to end by SIGTERM.
+130 interrupted by Ctrl-C, 143 asked to end by SIGTERM, 129 by SIGHUP: the terminal was closed.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from lndrl.cli.again import remember
 from lndrl.errors import UserError
+from lndrl.machine.cores import limit_threads
+from lndrl.machine.signals import stop_handler
 
 # What `lndrl --help` shows; the rest of a command is imported only when it is called, because
 # torch and numba take seconds.
@@ -120,6 +123,7 @@ def _options(
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line; returns the exit code and never raises for user input."""
+    remember(arguments)
     arguments = list(_spread_lists(_spread_settings(arguments))) or ["--help"]
     try:
         result = get_command(app).main(args=arguments, prog_name="lndrl", standalone_mode=False)
@@ -138,16 +142,19 @@ def main() -> None:
     _replace_what_cannot_be_written()
     received: list[int] = []
 
-    def terminate(number: int, frame: object) -> None:
-        # SIGTERM takes the way of Ctrl-C, so that services and fleets clean up after themselves.
-        received.append(number)
-        raise KeyboardInterrupt
+    def interrupt(number: int, frame: object) -> None:
+        # SIGTERM and SIGHUP take the way of Ctrl-C, so that all clean up after themselves. A closed
+        # terminal is told twice, and the second time must not disturb that.
+        if number != signal.SIGHUP or not received:
+            received.append(number)
+            raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, terminate)
     # Processes that are started from here look for modules where this one does; Python would look
     # in the working folder first, which may hold a learner.py of the user's.
     os.environ["PYTHONSAFEPATH"] = "1"
-    code = run(sys.argv[1:])
+    limit_threads()
+    with stop_handler(interrupt):
+        code = run(sys.argv[1:])
     sys.exit(128 + received[0] if received and code == 128 + signal.SIGINT else code)
 
 

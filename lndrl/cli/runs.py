@@ -6,13 +6,18 @@ Nothing is created here; the learner makes the folder once it holds its port.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
+from learner.run.folder import RunFolder
+from lndrl.cli.again import resuming_command
 from lndrl.cli.notes import say_notes
+from lndrl.cli.signals import telling
 from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
+from lndrl.numbering import by_number, checkpoints_in
 from lndrl.scenario import BLOCKS
 
 RUNS = Path("runs")
@@ -39,6 +44,20 @@ def choose_run(
         config, folder = _new(config_name or DEFAULTS["configuration"], name, overrides)
     _check_place(config)
     return config, folder
+
+
+@contextmanager
+def going_on(folder: Path) -> Iterator[None]:
+    """Say, when the training of ``folder`` is ended at once, how it goes on."""
+
+    def words() -> str:
+        kept = checkpoints_in(folder / "checkpoints")
+        if not kept:
+            return f"{folder} holds no checkpoint"
+        return f"{kept[-1]} is kept; go on with: {resuming_command(folder.name)}"
+
+    with telling(words):
+        yield
 
 
 def _check_place(config: RunConfig) -> None:
@@ -77,6 +96,8 @@ def _resumed(
     folder = RUNS / name
     if not folder.is_dir():
         raise UserError(f"{folder} does not exist, so it cannot be resumed; {_known()}")
+    # Here already, as "the port is in use" would be half the truth. The learner takes the lock.
+    RunFolder.check_free(folder)
     own = folder / "config.yaml"
     if config_name is not None:
         given, kept = load_config(config_name), load_config(own)
@@ -86,5 +107,5 @@ def _resumed(
 
 
 def _known() -> str:
-    names = sorted(path.parent.name for path in RUNS.glob("*/config.yaml"))
+    names = sorted((path.parent.name for path in RUNS.glob("*/config.yaml")), key=by_number)
     return f"runs that exist: {', '.join(names)}" if names else "no run exists here yet"

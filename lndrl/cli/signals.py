@@ -5,10 +5,11 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TextIO
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from lndrl.machine.signals import stop_handler
 
 
 class Stop(threading.Event):
@@ -24,22 +25,43 @@ class Stop(threading.Event):
 
 @contextmanager
 def stop_on_signals(promise: str) -> Iterator[Stop]:
-    """A Stop that SIGINT and SIGTERM set; a second signal raises KeyboardInterrupt.
+    """A Stop that SIGINT, SIGTERM and SIGHUP set; a second signal raises KeyboardInterrupt.
 
-    ``promise`` tells the user what the orderly end does. Must be called on the main thread.
+    A closed terminal is told twice, by the shell and by the system, and often followed by SIGTERM:
+    SIGHUP does not count, neither as the first nor as the second. Where it is ignored (nohup), it
+    stays ignored. ``promise`` tells the user what the orderly end does. Must be called on the main
+    thread.
     """
     stop = Stop()
+    impatient = False
 
     def handle(number: int, frame: object) -> None:
+        nonlocal impatient
+        if number != signal.SIGHUP:
+            if impatient:
+                raise KeyboardInterrupt
+            impatient = True
         if stop.is_set():
-            raise KeyboardInterrupt
+            return
         stop.signal_number = number
         stop.set()
-        print(f"\nstopping: {promise}; Ctrl-C again stops at once", file=sys.stderr)
+        say(f"\nstopping: {promise}; Ctrl-C again stops at once")
 
-    previous = {number: signal.signal(number, handle) for number in _SIGNALS}
-    try:
+    with stop_handler(handle):
         yield stop
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+
+
+@contextmanager
+def telling(words: Callable[[], str]) -> Iterator[None]:
+    """Say in one line, when interrupted in here, what is left and how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        say(f"stopped: {words()}")
+        raise
+
+
+def say(line: str, file: TextIO | None = None) -> None:
+    """A line on stderr, or on ``file``, that costs nothing where nobody can read it any more."""
+    with suppress(OSError, ValueError):
+        print(line, file=file or sys.stderr, flush=True)

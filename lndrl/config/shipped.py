@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from lndrl.errors import UserError
+from lndrl.numbering import by_number
 
 _HERE = Path(__file__).resolve().parent
 # A wheel carries the configurations inside the package; a checkout has them beside it.
@@ -33,7 +34,9 @@ _ENDINGS = (".yaml", ".yml")
 
 def shipped(kind: Kind) -> dict[str, Path]:
     """Files of ``kind`` that come with the program, by name, in alphabetical order."""
-    found = {path.stem: path for path in sorted(REPOSITORY_CONFIGS.glob(PLACES[kind]))}
+    found = {
+        path.stem: path for path in sorted(REPOSITORY_CONFIGS.glob(PLACES[kind]), key=by_number)
+    }
     if kind == "configuration":  # the others of that folder are of a kind of their own
         found = {n: p for n, p in found.items() if n not in (DEFAULTS["bench"], "calibration")}
     return found

@@ -4,7 +4,7 @@ from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
 from lndrl.evaluation.metrics import Metrics, Rate, Spread, metrics_of
 from lndrl.evaluation.own_metrics import OwnMetric, add_metrics, own_metrics
 from lndrl.evaluation.result import EvaluationResult, load_result
-from lndrl.evaluation.runner import BLOCK, evaluate, settings_for
+from lndrl.evaluation.runner import BLOCK, evaluate, result_of, settings_for
 from lndrl.evaluation.tables import comparison_table, result_table
 from lndrl.evaluation.wilson import wilson_interval
 
@@ -23,6 +23,7 @@ __all__ = [
     "load_result",
     "metrics_of",
     "own_metrics",
+    "result_of",
     "result_table",
     "settings_for",
     "wilson_interval",

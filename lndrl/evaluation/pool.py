@@ -10,7 +10,6 @@ import contextlib
 import multiprocessing
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 from lndrl import kernels
 from lndrl.errors import UserError
 from lndrl.extensions import trust_modules, trusted_modules
+from lndrl.machine.signals import starting_child
 
 Work = Callable[[Any], Iterable[Any]]
 """What a worker does with one task: yields results."""
@@ -46,8 +46,11 @@ def run_tasks(
     processes: dict[Connection, SpawnProcess] = {}
     try:
         for _ in range(workers):
-            connection, process = _start(make_work, arguments)
-            processes[connection] = process
+            # Ctrl-C goes to the whole process group, a terminal's end and other people's kill may
+            # as well: none reaches a worker, whose end is up to this process, which must know it.
+            with starting_child():
+                connection, process = _start(make_work, arguments)
+                processes[connection] = process
         yield from _collect(processes, iter(tasks))
     finally:
         _stop(processes)
@@ -65,14 +68,7 @@ def _start(
         name="lndrl-evaluate",
         daemon=True,
     )
-    # Ctrl-C goes to the whole process group; blocked here, it stays blocked in the worker, whose
-    # end is up to this process. The tracker would unblock it again while starting.
-    resource_tracker.ensure_running()
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    process.start()
     theirs.close()
     return ours, process
 
@@ -148,9 +144,6 @@ def _death(process: SpawnProcess) -> UserError:
 def _stop(processes: dict[Connection, SpawnProcess]) -> None:
     for connection, process in processes.items():
         connection.close()
-        process.terminate()
+        process.kill()  # it holds nothing that it would have to put away
     for process in processes.values():
-        process.join(_JOIN_SECONDS)
-        if process.is_alive():
-            process.kill()
-            process.join()
+        process.join()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from typing import Literal
 
@@ -74,15 +74,25 @@ def evaluate(
                 progress(record)
     records.sort(key=lambda record: record.world)
     assert [record.world - TEST_WORLD for record in records] == list(range(episodes))
+    return result_of(source, config, greedy, records)
+
+
+def result_of(
+    source: PlannerSource, config: RunConfig, greedy: bool, records: Sequence[EpisodeRecord]
+) -> EvaluationResult:
+    """The result of ``records``, which may be some of those that were asked for.
+
+    ``config`` has the seed of the episodes.
+    """
     return EvaluationResult(
         planner=source.name,
         scenario=config.scenario.name,
         localization=config.localization.kind,
         actions="rule" if source.weights is None else "greedy" if greedy else "sampled",
-        seed=seed,
+        seed=config.seed,
         config_hash=config.content_hash(),
         program_version=VERSION,
-        records=tuple(records),
+        records=tuple(sorted(records, key=lambda record: record.world)),
     )
 
 

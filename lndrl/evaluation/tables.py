@@ -25,9 +25,16 @@ SPREADS = {
 }
 
 
-def result_table(result: EvaluationResult) -> Table:
-    """The nine metrics of one planner, rates with their Wilson 95 % intervals."""
-    table = Table(title=describe(result), title_justify="left")
+def result_table(result: EvaluationResult, asked: int | None = None) -> Table:
+    """The nine metrics of one planner, rates with their Wilson 95 % intervals.
+
+    ``asked``: how many episodes were wanted, where it was stopped before all had ended.
+    """
+    title = describe(result)
+    if asked is not None:
+        # Whoever fails early ends early, so rates so far are no estimate of the rest.
+        title = f"UNFINISHED, {len(result.records)} of {asked} episodes, the quickest: {title}"
+    table = Table(title=title, title_justify="left")
     table.add_column("metric")
     table.add_column("mean", justify="right")
     table.add_column("std", justify="right")

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.errors import UserError
+from lndrl.numbering import checkpoints_in
 from lndrl.policy.layout import CONFIG_KEY, explain_misfit
 from lndrl.policy.networks import build_policy
 
@@ -120,7 +121,7 @@ def _policy_file(path: Path) -> Path:
         return path
     if not path.exists():
         raise UserError(f"{path}: no such run folder or weights file")
-    for folder in (path, *sorted((path / "checkpoints").glob("step-*"), reverse=True)):
+    for folder in (path, *reversed(checkpoints_in(path / "checkpoints"))):
         if (folder / POLICY_FILE).is_file():
             return folder / POLICY_FILE
     raise UserError(f"{path}: holds no checkpoint yet ({POLICY_FILE} expected)")

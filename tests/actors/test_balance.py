@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from actors.balance import Balance, first_choice, usable_cores
+from actors.balance import Balance, first_choice
 from lndrl.config import REPOSITORY_CONFIGS, load_config
 
 
@@ -49,10 +49,6 @@ def test_chunks_are_small_beside_batches_and_fresh(cores: int) -> None:
     assert choice.actors * chunk <= config.learner.max_lag / 2 * config.ppo.batch_size
     assert 1 <= choice.worlds <= 32
     assert config.worlds_per_actor() == 32, "two actors make a batch of two chunks"
-
-
-def test_usable_cores() -> None:
-    assert usable_cores() >= 1
 
 
 class Run:

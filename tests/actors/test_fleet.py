@@ -132,9 +132,9 @@ def test_refused_fleet_says_so_once(learner, capfd):
     assert capfd.readouterr().err.count("wants another version") == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_ended_foreground_fleet_leaves_no_process(learner, number):
-    """Ctrl-C reaches the whole group, SIGTERM and SIGKILL only the fleet."""
+    """Ctrl-C and a hang-up reach the whole group, SIGTERM and SIGKILL only the fleet."""
     program = (
         "from actors.fleet import run_fleet; import sys; "
         f"sys.exit(run_fleet({learner.config.transport.endpoint!r}, 1))"
@@ -144,7 +144,7 @@ def test_ended_foreground_fleet_leaves_no_process(learner, number):
     )
     try:
         wait_for(lambda: process.poll() is not None or learner.headers, "the first chunk")
-        send = os.killpg if number == signal.SIGINT else os.kill
+        send = os.killpg if number in (signal.SIGINT, signal.SIGHUP) else os.kill
         send(process.pid, number)
         _, errors = process.communicate(timeout=15.0)
     finally:

@@ -74,7 +74,10 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
         process.kill()
         process.wait()
     assert not any(lives(pid) for pid in family)
-    assert "Traceback" not in (tmp_path / "log").read_text()
+    said = (tmp_path / "log").read_text()
+    assert "Traceback" not in said
+    again = "-m lndrl chaos --minutes 5 --folder here, with another --folder"
+    assert "stopped: there was nothing to count yet; begin anew with: " in said and again in said
 
 
 @pytest.mark.parametrize(

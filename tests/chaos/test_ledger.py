@@ -160,5 +160,6 @@ def test_a_ledger_is_read_with_all_the_files_it_went_on_from(tmp_path: Path) -> 
     ledger = tmp_path / "ledger.jsonl"
     for number, name in enumerate((*(f"ledger.jsonl.{n}" for n in range(11, 0, -1)), ledger.name)):
         (tmp_path / name).write_text(f"{number}\n")
+    (tmp_path / "ledger.jsonl.gz").write_text("whatever an operator put there\n")
     assert [int(line) for line in lines_of(*files_of(ledger))] == list(range(12))
     assert files_of(tmp_path / "none.jsonl") == [tmp_path / "none.jsonl"]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from learner.ppo.update import DivergedError
-from learner.run.checkpoint import list_checkpoints
 from learner.status import snapshot
 from lndrl.errors import UserError
+from lndrl.numbering import checkpoints_in
 from lndrl.transport import ChunkHeader
 from lndrl.transport.status import parse_status
 from tests.learner.helpers_learner import random_trajectory
@@ -129,7 +129,7 @@ def test_checkpoints_of_before_there_were_books_still_load(start) -> None:
     run.update(2)
     run.learner.close()
     run.learner.folder.ledger.unlink()
-    newest = list_checkpoints(run.learner.folder.checkpoints)[-1] / "state.json"
+    newest = checkpoints_in(run.learner.folder.checkpoints)[-1] / "state.json"
     state = json.loads(newest.read_text())
     del state["accounts"], state["digest"], state["roster"]["next_index"]
     newest.write_text(json.dumps(state))
@@ -144,7 +144,7 @@ def test_a_roster_that_is_none_is_a_damaged_checkpoint(start, roster) -> None:
     run = start(learner={"checkpoint_interval": 1})
     run.update(2)
     run.learner.close()
-    newest = list_checkpoints(run.learner.folder.checkpoints)[-1] / "state.json"
+    newest = checkpoints_in(run.learner.folder.checkpoints)[-1] / "state.json"
     state = json.loads(newest.read_text())
     del state["digest"]
     newest.write_text(json.dumps({**state, "roster": roster}))
@@ -153,7 +153,7 @@ def test_a_roster_that_is_none_is_a_damaged_checkpoint(start, roster) -> None:
     again = start(resume=True, checkpoint="step-000000032")
     again.update()
     again.learner.checkpoint()
-    names = [path.name for path in list_checkpoints(again.learner.folder.checkpoints)]
+    names = [path.name for path in checkpoints_in(again.learner.folder.checkpoints)]
     assert names[-1] == "step-000000064"
     again.learner.close()
     assert start(resume=True).learner.counters.steps == 64, "the damaged one is out of the way"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.options import BenchName, TrustModules, names_in, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.evaluation.benchmark import Cell, Plan, ResultsFolder
@@ -87,8 +89,9 @@ def benchmark(
     count = episodes or 500
     plan = Plan(folder, found, places, count, bench.seed, bench.changes)
     check_frozen(bench, plan.identity.scenarios)
-    _run(plan, len(os.sched_getaffinity(0)) if workers is None else workers)
-    _summarize(plan)
+    with folder.locked():
+        _run(plan, usable_cores() if workers is None else workers)
+        _summarize(plan)
     _show(folder, [contender.name for contender in found], places, count, json)
 
 
@@ -96,9 +99,19 @@ def _run(plan: Plan, workers: int) -> None:
     from lndrl.view.progress import progress_bar
 
     left = plan.left()
-    with progress_bar(left, "benchmark", "episodes") as advance:
+    ended = 0
+
+    def words() -> str:
+        return (
+            f"{ended} of {left} missing episodes have ended and are kept in {plan.folder.path}; "
+            f"go on with: {same_command()}"
+        )
+
+    with telling(words), progress_bar(left, "benchmark", "episodes") as advance:
 
         def note(cell: Cell, record: EpisodeRecord) -> None:
+            nonlocal ended
+            ended += 1
             advance(1, f"{cell.contender.name} on {cell.scenario}: {record.outcome}")
 
         plan.run(workers, note)

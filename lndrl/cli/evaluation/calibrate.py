@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.benchmark import RESULTS
 from lndrl.cli.options import TrustModules, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Row
@@ -55,14 +57,15 @@ def calibrate(
     """
     trust(trust_modules)
     from lndrl.config import DEFAULTS, find
-    from lndrl.evaluation.benchmark import choose, load_calibration
+    from lndrl.evaluation.benchmark import ResultsFolder, choose, load_calibration
 
     spec = load_calibration(find("calibration", file or DEFAULTS["calibration"]))
     asked = None if variants is None else [v.strip() for v in variants.split(",") if v.strip()]
     chosen = choose(list(spec.variants), asked, "variant")
     if not table:
-        count = len(os.sched_getaffinity(0)) if workers is None else workers
-        _run(spec, chosen, RESULTS / name, episodes, count)
+        count = usable_cores() if workers is None else workers
+        with ResultsFolder(RESULTS / name).locked():
+            _run(spec, chosen, RESULTS / name, episodes, count)
     rows = _rows(spec, chosen, RESULTS / name, episodes, by_scenario)
     if not rows:
         raise UserError(f"{RESULTS / name}: holds no finished episode of what was asked for")
@@ -94,10 +97,20 @@ def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, wo
         for name in names
     ]
     left = sum(plan.left() for plan in plans)
-    with progress_bar(left, "calibrate", "episodes") as advance:
+    ended = 0
+
+    def words() -> str:
+        return (
+            f"{ended} of {left} missing episodes have ended and are kept in {place}; "
+            f"go on with: {same_command()}"
+        )
+
+    with telling(words), progress_bar(left, "calibrate", "episodes") as advance:
         for name, plan in zip(names, plans, strict=True):
 
             def note(cell: Cell, record: EpisodeRecord, name: str = name) -> None:
+                nonlocal ended
+                ended += 1
                 advance(1, f"{name} on {cell.scenario}: {record.outcome}")
 
             plan.run(workers, note)

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import json as json_format
-import os
+import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
+from lndrl.cli.signals import say
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
-    from lndrl.config import RunConfig
     from lndrl.evaluation import EvaluationResult
     from lndrl.navigation import EpisodeRecord
-    from lndrl.planners import PlannerSource
 
 Localization = Literal["amcl", "perfect"]
 
@@ -68,14 +70,19 @@ def evaluate(
     if settings and not any(map(is_own_planner, planners)):
         raise UserError("--planner-set goes with a planner of your own, e.g. my_package:Planner")
     own = own_metrics(metric or [])
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
-    chosen = [_choose(each, settings, scenario, localization) for each in planners]
-    say_notes(note for _, config in chosen for note in config.scenario.map_notes)
-    results = [
-        _evaluate_one(each, source, config, episodes, seed, count, greedy)
-        for each, (source, config) in zip(planners, chosen, strict=True)
+    count = usable_cores() if workers is None else workers
+    works = [
+        _Evaluation(each, settings, scenario, episodes, seed, greedy, localization)
+        for each in planners
     ]
-    results = [add_metrics(result, own) for result in results]
+    say_notes(note for work in works for note in work.config.scenario.map_notes)
+    results: list[EvaluationResult] = []
+    for work in works:
+        try:
+            results.append(add_metrics(work.run(count), own))
+        except KeyboardInterrupt:
+            _show_unfinished(work, results, sys.stderr if json else sys.stdout)
+            raise
     if json:
         dictionaries = [result.to_dict() for result in results]
         content = dictionaries[0] if len(results) == 1 else {"results": dictionaries}
@@ -98,38 +105,60 @@ def _check(episodes: int, seed: int, workers: int | None) -> None:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
 
 
-def _choose(
-    planner: str,
-    settings: dict[str, Any],
-    scenario: str | None,
-    localization: Localization | None,
-) -> tuple[PlannerSource, RunConfig]:
-    from lndrl.evaluation import settings_for
-    from lndrl.planners import is_own_planner, planner_source
+class _Evaluation:
+    """One planner's episodes, of which those that have ended are known at any time."""
 
-    source = planner_source(planner, settings if is_own_planner(planner) else None)
-    return source, settings_for(source, scenario, localization)
+    def __init__(
+        self,
+        planner: str,
+        settings: dict[str, Any],
+        scenario: str | None,
+        episodes: int,
+        seed: int,
+        greedy: bool,
+        localization: Localization | None,
+    ) -> None:
+        from lndrl.evaluation import settings_for
+        from lndrl.planners import is_own_planner, planner_source
+
+        self.source = planner_source(planner, settings if is_own_planner(planner) else None)
+        config = settings_for(self.source, scenario, localization)
+        self.config = config.model_copy(update={"seed": seed})
+        self.episodes, self.greedy = episodes, greedy
+        self.title = f"{Path(planner).name} on {config.scenario.name}"
+        self.records: list[EpisodeRecord] = []
+
+    def run(self, workers: int) -> EvaluationResult:
+        """All episodes, with a bar that says how far they are."""
+        from lndrl.evaluation import evaluate as run_evaluation
+        from lndrl.view.progress import progress_bar
+
+        arrived = 0
+        with progress_bar(self.episodes, self.title, "episodes") as advance:
+
+            def note(record: EpisodeRecord) -> None:
+                nonlocal arrived
+                self.records.append(record)
+                arrived += record.outcome == "arrived"
+                advance(1, f"{arrived} arrived")
+
+            seed, greedy = self.config.seed, self.greedy
+            return run_evaluation(
+                self.source, self.config, self.episodes, seed, workers, greedy, note
+            )
 
 
-def _evaluate_one(
-    planner: str,
-    source: PlannerSource,
-    config: RunConfig,
-    episodes: int,
-    seed: int,
-    workers: int,
-    greedy: bool,
-) -> EvaluationResult:
-    from lndrl.evaluation import evaluate as run_evaluation
-    from lndrl.view.progress import progress_bar
+def _show_unfinished(work: _Evaluation, done: list[EvaluationResult], file: TextIO) -> None:
+    """What there is when it is interrupted; never on a stdout where JSON is expected."""
+    from lndrl.cli.tables import print_tables
+    from lndrl.evaluation import result_of, result_table
 
-    title = f"{Path(planner).name} on {config.scenario.name}"
-    arrived = 0
-    with progress_bar(episodes, title, "episodes") as advance:
-
-        def note(record: EpisodeRecord) -> None:
-            nonlocal arrived
-            arrived += record.outcome == "arrived"
-            advance(1, f"{arrived} arrived")
-
-        return run_evaluation(source, config, episodes, seed, workers, greedy, note)
+    with suppress(OSError):
+        print_tables(*(result_table(result) for result in done), file=file)
+        if work.records:
+            so_far = result_of(work.source, work.config, work.greedy, work.records)
+            print_tables(result_table(so_far, work.episodes), file=file)
+    say(
+        f"stopped: {work.title}, {len(work.records)} of {work.episodes} episodes have ended and "
+        f"are not kept; begin again with: {same_command()}"
+    )

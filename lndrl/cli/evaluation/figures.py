@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.benchmark import RESULTS
 from lndrl.cli.options import BenchName, TrustModules, check_picture, names_in, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -34,6 +36,7 @@ _MOST = 50
 
 
 @figures.command("trajectories")
+@telling(lambda: f"no picture was written; begin again with: {same_command()}")
 def trajectories(
     methods: Annotated[
         str,
@@ -74,6 +77,7 @@ def trajectories(
 
 
 @figures.command("activations")
+@telling(lambda: f"no picture was written; begin again with: {same_command()}")
 def activations(
     method: Annotated[
         str, typer.Option(metavar="M", help="Method of the bench, run folder or weights file.")
@@ -116,6 +120,7 @@ def activations(
 
 
 @figures.command("worst")
+@telling(lambda: f"no picture was written; begin again with: {same_command()}")
 def worst(
     name: Annotated[
         str, typer.Option(metavar="NAME", help="The result results/NAME of lndrl benchmark.")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json as json_format
-import os
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import arguments_given, same_command
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.config import LocalizationConfig
@@ -60,7 +61,7 @@ def localization(
     if out is not None:
         check_document(out)
     plan = _plan(scenarios, seeds, pedestrians, settings, updates)
-    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    count = usable_cores() if workers is None else workers
     say_notes(note for scenario in plan.scenarios for note in scenario.map_notes)
     report = _measure(plan, count)
     if out is not None:
@@ -116,9 +117,19 @@ def _measure(plan: Plan, workers: int) -> Report:
     names = ", ".join(scenario.name for scenario in plan.scenarios)
     lost = dict.fromkeys(plan.settings, 0)
     total = len(plan.tasks()) * len(plan.settings)
-    with progress_bar(total, f"localization on {names}", "replays") as advance:
+    ended = 0
+
+    def words() -> str:
+        return (
+            f"{ended} of {total} replays have ended and are not kept; "
+            f"begin again with: {same_command()}"
+        )
+
+    with telling(words), progress_bar(total, f"localization on {names}", "replays") as advance:
 
         def note(outcome: Outcome) -> None:
+            nonlocal ended
+            ended += 1
             lost[outcome.setting] += outcome.lost
             advance(1, "lost: " + ", ".join(f"{label} {n}" for label, n in lost.items()))
 
@@ -132,7 +143,7 @@ def _write(report: Report, out: Path) -> None:
     from lndrl.view.pictures.localization import save_localization
 
     picture = out.with_suffix(".png")
-    command = "lndrl " + shlex.join(sys.argv[1:])
+    command = "lndrl " + shlex.join(arguments_given())
     facts = f"lndrl {VERSION}, {machine_line(machine())}"
     save_localization(report, picture)
     write_document(out, report_markdown(report, command, facts, picture.name))

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from lndrl.navigation.snapshot import WorldSnapshot
 
 
+@telling(lambda: f"no whole picture was written; begin again with: {same_command()}")
 def play(
     planner: Annotated[
         str,

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_scenario
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, check_picture, trust
+from lndrl.cli.signals import telling
 from lndrl.errors import UserError
+from lndrl.numbering import by_number
 from lndrl.wording import counted, people
 
 if TYPE_CHECKING:
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from lndrl.world import Place
 
 
+@telling(lambda: f"pictures that are whole are kept; begin again with: {same_command()}")
 def scenarios(
     name: Annotated[
         str | None,
@@ -57,7 +61,7 @@ def _all(draw: Path | None, layout: int, json: bool) -> None:
 
     folder = REPOSITORY_CONFIGS / "scenarios"
     known = [load_scenario(path.stem) for path in sorted(folder.glob("*.yaml"))]
-    known.sort(key=lambda scenario: (scenario.kind, scenario.name))
+    known.sort(key=lambda scenario: (scenario.kind, by_number(scenario.name)))
     if json:
         typer.echo(json_format.dumps([_summary(scenario) for scenario in known], indent=2))
     elif draw is None:

@@ -65,8 +65,8 @@ def actor(
     security = connecting("actor", certs, user, password_file, zenoh)
     security.check(connect, listening=False)
 
-    from actors.balance import usable_cores
     from actors.fleet import run_fleet
+    from lndrl.machine.cores import usable_cores
 
     number = usable_cores() if count == "auto" else int(count)
     raise typer.Exit(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -53,9 +54,9 @@ def chaos(
     """
     kinds = _kinds(only or [], without or [])
     place = _place(folder)
-    from lndrl.cli.signals import stop_on_signals
+    from lndrl.cli.signals import say, stop_on_signals
 
-    good, code = False, 0
+    good, code, counted = False, 0, "what was counted until then is above"
     try:
         with stop_on_signals("what was counted so far is shown") as stop:
             if fuzz is not None:
@@ -64,15 +65,20 @@ def chaos(
                 options = {"minutes": minutes, "seed": seed, "actors": actors, "pace": pace}
                 good = _run({**options, "kinds": kinds}, place, stop, json)
             code = stop.exit_code
+    except KeyboardInterrupt:
+        say(f"stopped: nothing was counted; begin anew with: {same_command()}{_elsewhere(folder)}")
+        raise
     except (TimeoutError, RuntimeError) as error:
         typer.echo(f"lndrl chaos: {error}", err=True)
     except InterruptedError:
-        code = stop.exit_code  # before there was anything to count
+        code, counted = stop.exit_code, "there was nothing to count yet"
     finally:
         if folder is None and good:
             shutil.rmtree(place, ignore_errors=True)
         else:
             typer.echo(f"everything is kept in {place}", err=True)
+    if code:
+        say(f"stopped: {counted}; begin anew with: {same_command()}{_elsewhere(folder)}")
     raise typer.Exit(code or (0 if good else 1))
 
 
@@ -117,6 +123,11 @@ def _kinds(only: list[str], without: list[str]) -> set[str]:
             if name not in KINDS:
                 raise UserError(f"{option} {name}: no such fault; known: {', '.join(KINDS)}")
     return (set(only) or set(KINDS)) - set(without)
+
+
+def _elsewhere(folder: Path | None) -> str:
+    """What the next try has to change: a folder that was named is no longer empty."""
+    return "" if folder is None else ", with another --folder"
 
 
 def _place(folder: Path | None) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from lndrl.cli.again import resuming_command
 from lndrl.cli.options import (
     CheckpointName,
     ConfigName,
@@ -18,7 +19,7 @@ from lndrl.cli.options import (
     run_overrides,
     trust,
 )
-from lndrl.cli.runs import choose_run
+from lndrl.cli.runs import choose_run, going_on
 from lndrl.cli.security import (
     Certificates,
     Insecure,
@@ -31,7 +32,7 @@ from lndrl.cli.security import (
     of_learner,
     transport_overrides,
 )
-from lndrl.cli.signals import stop_on_signals
+from lndrl.cli.signals import say, stop_on_signals
 
 
 def learner(
@@ -64,7 +65,9 @@ def learner(
 
     from learner.service import run_learner
 
-    with stop_on_signals("the learner writes a checkpoint") as stop:
+    with stop_on_signals("the learner writes a checkpoint") as stop, going_on(folder):
         summary = run_learner(chosen, folder, resume, None, stop, checkpoint, security=security)
     typer.echo(str(summary))
+    if stop.is_set() and not summary.finished:
+        say(f"go on with: {resuming_command(folder.name)}")
     raise typer.Exit(stop.exit_code)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lndrl import kernels
+from lndrl.cli.signals import say
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.wording import counted
@@ -51,7 +53,7 @@ def train_serially(
                     with learner.split.during("wait"):
                         actor.run_chunk(stop.is_set)
                 if learner.advance(timeout=0.0):
-                    print(plain_line(_status(learner)), flush=True)
+                    say(plain_line(_status(learner)), sys.stdout)
         learner.end()
         return learner.summary()
     finally:
@@ -119,8 +121,9 @@ def _supervise(
     security: Security | None,
 ) -> None:
     """Keep the fleet alive and the picture fresh until the learner's thread ends."""
-    from actors.balance import Balance, first_choice, usable_cores
+    from actors.balance import Balance, first_choice
     from actors.fleet import Fleet
+    from lndrl.machine.cores import usable_cores
 
     cores = usable_cores()
     choice = first_choice(config, cores, learner.ppo.device.type)
@@ -205,7 +208,8 @@ class _Lines:
         return self
 
     def __exit__(self, *_: object) -> None:
-        sys.stdout.flush()
+        with suppress(OSError):
+            sys.stdout.flush()
 
     def update(self) -> None:
         """Print if there is news."""
@@ -217,7 +221,7 @@ class _Lines:
         patience = kernels.LINE_EVERY if word == "compiling" else 30.0
         if shown != self._shown or time.monotonic() - self._printed > patience:
             self._printed = time.monotonic()
-            print(plain_line(status), flush=True)
+            say(plain_line(status), sys.stdout)
 
 
 class _Screen:
@@ -236,7 +240,8 @@ class _Screen:
         return self
 
     def __exit__(self, *details: object) -> None:
-        self._live.__exit__(None, None, None)
+        with suppress(OSError):
+            self._live.__exit__(None, None, None)
 
     def update(self) -> None:
         """Redraw."""
@@ -248,7 +253,8 @@ class _Screen:
         picture = render(
             _status(self._learner), history, width, height, 0.0, "Ctrl-C stops, --resume goes on"
         )
-        self._live.update(picture, refresh=True)
+        with suppress(OSError):  # of a terminal that is gone
+            self._live.update(picture, refresh=True)
 
 
 def _status(learner: Learner) -> Status:

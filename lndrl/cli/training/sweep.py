@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_sweep
 from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.runs import RUNS
@@ -79,7 +80,7 @@ def _check(name: str, markdown: Path | None, plot: Path | None) -> None:
 def _work(place: SweepFolder, parallel: int) -> int:
     """Run what is not finished; the exit code."""
     place.sweep.check_start()
-    from lndrl.cli.signals import stop_on_signals
+    from lndrl.cli.signals import say, stop_on_signals, telling
     from lndrl.evaluation.sweep import Launcher, Work
     from lndrl.view.sweep import SweepDisplay
 
@@ -87,11 +88,15 @@ def _work(place: SweepFolder, parallel: int) -> int:
     with place.locked() as lock, stop_on_signals("running runs leave checkpoints") as stop:
         launch = Launcher(place, lock, parallel)
         work = Work(place, launch, parallel, display.say, display.show)
-        with display:
+        with telling(_at_once), display:
             done = work.go(stop)
     if not done:
-        typer.echo(f"the same command goes on with what {place.path} lacks", err=True)
+        say(f"the same command goes on with what {place.path} lacks: {same_command()}")
     return stop.exit_code
+
+
+def _at_once() -> str:
+    return f"what was at work keeps its last checkpoint; go on with: {same_command()}"
 
 
 def _show(figures: SweepFigures, json: bool, markdown: Path | None, plot: Path | None) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lndrl.cli.again import resuming_command
 from lndrl.cli.options import (
     CheckpointName,
     ConfigName,
@@ -22,7 +23,7 @@ from lndrl.cli.options import (
     run_overrides,
     trust,
 )
-from lndrl.cli.runs import choose_run
+from lndrl.cli.runs import choose_run, going_on
 from lndrl.cli.security import (
     Certificates,
     Insecure,
@@ -32,7 +33,7 @@ from lndrl.cli.security import (
     of_learner,
     transport_overrides,
 )
-from lndrl.cli.signals import stop_on_signals
+from lndrl.cli.signals import say, stop_on_signals
 from lndrl.errors import UserError
 
 
@@ -90,7 +91,7 @@ def train(
     chosen, folder = choose_run(config, run, resume, overrides)
     from lndrl.cli.training import local
 
-    with stop_on_signals("the learner writes a checkpoint") as stop:
+    with stop_on_signals("the learner writes a checkpoint") as stop, going_on(folder):
         if serial:
             summary = local.train_serially(chosen, folder, resume, checkpoint, stop)
         else:
@@ -100,4 +101,6 @@ def train(
                 chosen, folder, resume, checkpoint, drawn, stop, security=security
             )
     typer.echo(str(summary))
+    if stop.is_set() and not summary.finished:
+        say(f"go on with: {resuming_command(folder.name)}")
     raise typer.Exit(stop.exit_code)

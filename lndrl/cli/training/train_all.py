@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import same_command
 from lndrl.cli.options import (
     BenchName,
     LearnerDevice,
@@ -87,7 +88,7 @@ def _check_reach(listen: str | None) -> None:
 
 def _work(folder: MethodsFolder, options: list[str]) -> int:
     """Train what is not finished, each with ``options`` of lndrl train; the exit code."""
-    from lndrl.cli.signals import stop_on_signals
+    from lndrl.cli.signals import say, stop_on_signals, telling
     from lndrl.evaluation.sweep import Run, Trainer, Work, next_job
     from lndrl.view.methods import MethodsDisplay, method_line
 
@@ -101,11 +102,15 @@ def _work(folder: MethodsFolder, options: list[str]) -> int:
     promise = "the method at work leaves a checkpoint"
     with folder.locked() as lock, stop_on_signals(promise) as stop:
         work = Work(folder, Trainer(folder, lock, all_options), 1, display.say, display.show)
-        with display:
+        with telling(_at_once), display:
             done = work.go(stop)
     for run in folder.runs:
         goal = run.config.learner.total_steps
         typer.echo(method_line(run.name, goal, folder.newest(run)))
     if not done:
-        typer.echo("the same command goes on where this one stopped", err=True)
+        say(f"the same command goes on where this one stopped: {same_command()}")
     return stop.exit_code
+
+
+def _at_once() -> str:
+    return f"the method at work keeps its last checkpoint; go on with: {same_command()}"

@@ -10,12 +10,14 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from lndrl.errors import UserError
 from lndrl.evaluation.episodes import TEST_WORLD
+from lndrl.machine.lock import held
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.reward import REWARD_PARTS
 
@@ -94,6 +96,13 @@ class ResultsFolder:
         kept.changes.update(wanted.changes)
         kept.methods.update(wanted.methods)
         kept.write(place)
+
+    def locked(self) -> AbstractContextManager[object]:
+        """Hold the folder against others who would test there; raises UserError where it is held.
+
+        Two that fill one folder would run the same episodes and write over each other's.
+        """
+        return held(self.path, "a test", "wait for it or choose another --name")
 
     def file(self, method: str, scenario: str) -> Path:
         """The episodes of ``method`` in ``scenario``."""

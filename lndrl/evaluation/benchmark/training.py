@@ -12,6 +12,7 @@ from lndrl.config import RunConfig, flatten, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
 from lndrl.evaluation.sweep import Run, RunsFolder, State
+from lndrl.numbering import checkpoints_in, step_of
 from lndrl.planners import is_rule
 
 RUNS = "runs"
@@ -48,12 +49,10 @@ class MethodsFolder(RunsFolder):
 
     def state(self, run: Run) -> State:
         """How far the run is, by its newest checkpoint: that is what would be tested."""
-        folder = self.run_path(run) / "checkpoints"
-        steps = [path.name.partition("-")[2] for path in folder.glob("step-*")]
-        known = [int(each) for each in steps if each.isdecimal()]
+        known = checkpoints_in(self.run_path(run) / "checkpoints")
         if not known:
             return "missing"
-        return "finished" if max(known) >= run.config.learner.total_steps else "begun"
+        return "finished" if step_of(known[-1]) >= run.config.learner.total_steps else "begun"
 
     def newest(self, run: Run) -> Mapping[str, Any]:
         """The run's newest row of metrics, empty before its first update."""

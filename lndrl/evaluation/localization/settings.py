@@ -9,6 +9,7 @@ from lndrl.config import REPOSITORY_CONFIGS, LocalizationConfig, load_scenario
 from lndrl.config.localization import PRESETS
 from lndrl.errors import UserError
 from lndrl.models import load_yaml, validate
+from lndrl.numbering import by_number
 from lndrl.scenario import Scenario
 
 
@@ -43,7 +44,9 @@ def known_scenarios() -> list[str]:
 
     Without generated ones: every seed of a report drives in the same place.
     """
-    names = sorted(path.stem for path in (REPOSITORY_CONFIGS / "scenarios").glob("*.yaml"))
+    names = sorted(
+        (path.stem for path in (REPOSITORY_CONFIGS / "scenarios").glob("*.yaml")), key=by_number
+    )
     return [name for name in names if load_scenario(name).kind == "geometry"]
 
 

@@ -7,7 +7,6 @@ logs/RUN.log       what its processes said
 
 from __future__ import annotations
 
-import fcntl
 import json
 import re
 import shutil
@@ -21,6 +20,8 @@ from lndrl.errors import UserError
 from lndrl.evaluation.result import EvaluationResult, load_result
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.evaluation.sweep.spec import Sweep
+from lndrl.machine.lock import check_free, held
+from lndrl.numbering import checkpoints_in
 
 State = Literal["missing", "begun", "diverged", "finished"]
 
@@ -74,7 +75,7 @@ class RunsFolder:
         folder = self.run_path(run)
         if _finished(folder / "summary.json"):
             return "finished"
-        if not any((folder / "checkpoints").glob("step-*")):
+        if not checkpoints_in(folder / "checkpoints"):
             return "missing"
         try:
             events = (folder / "events.log").read_text("utf-8")
@@ -97,8 +98,13 @@ class RunsFolder:
         return int(rows[-1]["steps"]) if rows else 0
 
     def prepare(self, run: Run) -> Path:
-        """Clear what cannot be resumed and write the run's configuration; returns its path."""
-        shutil.rmtree(self.run_path(run), ignore_errors=True)
+        """Clear what cannot be resumed and write the run's configuration; returns its path.
+
+        Raises UserError where somebody else trains that run.
+        """
+        place = self.run_path(run)
+        check_free(place, "a learner", "stop it, or wait for it")
+        shutil.rmtree(place, ignore_errors=True)
         path = self.config_path(run)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -114,20 +120,9 @@ class RunsFolder:
         A process that inherits the descriptor holds the lock as well, so that a run which has
         survived whoever started it is not started a second time. Raises UserError where it is held.
         """
-        try:
-            self.aside.mkdir(parents=True, exist_ok=True)
-            file = (self.aside / "lock").open("w", encoding="utf-8")
-        except OSError as error:
-            raise UserError(f"{self.aside}: cannot be written ({error.strerror})") from None
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                whose, advice = self.WORK
-                raise UserError(
-                    f"{self.aside}: {whose}, or a run of it, is still at work there; {advice}"
-                ) from None
-            yield file.fileno()
+        whose, advice = self.WORK
+        with held(self.aside, f"{whose}, or a run of it,", advice) as lock:
+            yield lock.fileno()
 
 
 class SweepFolder(RunsFolder):

@@ -14,6 +14,7 @@ from pathlib import Path
 from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
 from lndrl.extensions import trusted_modules
+from lndrl.machine.cores import usable_cores
 
 
 class Trainer:
@@ -64,7 +65,7 @@ class Launcher(Trainer):
     def __init__(self, folder: SweepFolder, lock: int, parallel: int = 1) -> None:
         super().__init__(folder, lock, self._training)
         self.folder = folder
-        self.workers = max(1, len(os.sched_getaffinity(0)) // parallel)
+        self.workers = max(1, usable_cores() // parallel)
 
     def __call__(self, job: Job) -> RealProcess:
         """See ``Trainer``."""

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 from lndrl.config import DEFAULTS, RunConfig, find, load_config
 from lndrl.errors import UserError
 from lndrl.models import Count, Model, load_yaml, validate
+from lndrl.numbering import checkpoints_in
 
 BASE = "base"
 """Name of the variant that changes nothing."""
@@ -122,7 +123,7 @@ class Sweep:
     def check_start(self) -> None:
         """Raise UserError where runs are to start from a run that left no checkpoint."""
         start = self.spec.start
-        if start is not None and not any(Path(start, "checkpoints").glob("step-*")):
+        if start is not None and not checkpoints_in(Path(start, "checkpoints")):
             raise UserError(f"{self.file}: start: {start} is no run folder with a checkpoint")
 
     def runs(self) -> list[PlannedRun]:

@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 from rich.console import Console
@@ -59,7 +59,8 @@ def key_presses(stream: TextIO | None = None) -> Iterator[Keys]:
         tty.setcbreak(stream.fileno())
         yield Keys(stream)
     finally:
-        termios.tcsetattr(stream.fileno(), termios.TCSADRAIN, before)
+        with suppress(termios.error):  # the terminal may be gone
+            termios.tcsetattr(stream.fileno(), termios.TCSADRAIN, before)
 
 
 def _mode(stream: TextIO) -> list[Any] | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from rich.text import Text
 
+from lndrl.numbering import by_number
 from lndrl.transport.status import (
     ACTOR_ACTIVITIES,
     LEARNER_ACTIVITIES,
@@ -258,7 +259,7 @@ def worst_first(actors: Sequence[ActorStatus]) -> list[ActorStatus]:
             ACTOR_RANK.get(a.state, 1),
             -math.floor((a.last_ack_age or 0.0) / 5.0),
             -(a.lag // 2),
-            a.id,
+            by_number(a.id),
         ),
     )
 

@@ -14,7 +14,6 @@ from learner.run.checkpoint import (
     Counters,
     clean_up,
     find_checkpoint,
-    list_checkpoints,
     load_checkpoint,
     save_checkpoint,
     set_aside_later,
@@ -22,6 +21,7 @@ from learner.run.checkpoint import (
 )
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.numbering import checkpoints_in
 from lndrl.policy import load_policy
 from tests.learner.helpers_learner import random_trajectory, small_config
 
@@ -62,7 +62,7 @@ def test_the_newest_few_are_kept_and_no_partial_one_remains(trained, tmp_path: P
     ppo = trained(small_config(), 1)
     for steps in (10, 20, 30):
         save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, keep=2)
-    assert [p.name for p in list_checkpoints(tmp_path)] == ["step-000000020", "step-000000030"]
+    assert [p.name for p in checkpoints_in(tmp_path)] == ["step-000000020", "step-000000030"]
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
 
 
@@ -76,7 +76,23 @@ def test_a_disk_that_refuses_leaves_the_old_ones(trained, tmp_path: Path, monkey
     monkeypatch.setattr("learner.run.checkpoint.os.fsync", refuse)
     with pytest.raises(OSError, match="space"):
         save_checkpoint(tmp_path, ppo, Counters(steps=20), BOOKS, 2)
-    assert list_checkpoints(tmp_path) == [path]
+    assert checkpoints_in(tmp_path) == [path]
+
+
+def test_a_billion_steps_come_after_fewer(trained, tmp_path: Path) -> None:
+    """As text, step-1000000000 stands before step-999950000."""
+    ppo = trained(small_config(), 1)
+    for steps in (999_900_000, 999_950_000, 1_000_000_000):
+        newest = save_checkpoint(tmp_path, ppo, Counters(steps=steps), BOOKS, keep=2)
+    assert [p.name for p in checkpoints_in(tmp_path)] == ["step-999950000", "step-1000000000"]
+    assert find_checkpoint(tmp_path, None) == newest
+    (tmp_path / "step-2000000000.copy").mkdir()
+    assert find_checkpoint(tmp_path, None) == newest, "a user's copy is no checkpoint"
+    (newest / "value.safetensors").unlink()
+    with pytest.raises(UserError, match=r"--checkpoint step-999950000, the one before"):
+        load_checkpoint(newest, ppo)
+    assert set_aside_later(tmp_path / "step-999950000") == ["step-1000000000"]
+    assert set_aside_later(tmp_path / "step-999950000") == []
 
 
 @pytest.mark.parametrize("file", ["policy.safetensors", "optimizer.safetensors", "state.json"])
@@ -116,6 +132,10 @@ def test_the_policy_file_alone_says_how_to_run_it(trained, tmp_path: Path) -> No
         found, blob = load_policy(place)
         assert found == config
         assert blob == (path / "policy.safetensors").read_bytes()
+    other = config.model_copy(update={"seed": 7})
+    for steps, saved in ((10**9, other), (999_950_000, config)):
+        save_checkpoint(tmp_path / "checkpoints", trained(saved, 0), Counters(steps), BOOKS, 3)
+    assert load_policy(tmp_path)[0] == other, "the newest of the run's"
 
 
 def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> None:
@@ -149,9 +169,9 @@ def test_what_a_full_disk_left_behind_is_removed(trained, tmp_path: Path, monkey
             patch.setattr("learner.run.checkpoint.os.fsync", flush)
             with pytest.raises(OSError, match="space"):
                 save_checkpoint(tmp_path, ppo, Counters(steps=20), BOOKS, 2)
-        for kept in list_checkpoints(tmp_path):
+        for kept in checkpoints_in(tmp_path):
             load_checkpoint(kept, ppo)
-        assert path in list_checkpoints(tmp_path)
+        assert path in checkpoints_in(tmp_path)
         assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]
 
 
@@ -173,7 +193,7 @@ def test_a_checkpoint_replaces_one_of_its_name_without_a_gap(
     with pytest.raises(KeyboardInterrupt):
         save_checkpoint(tmp_path, ppo, Counters(steps=10, updates=2), BOOKS, 1)
     monkeypatch.undo()
-    assert list_checkpoints(tmp_path) == []
+    assert checkpoints_in(tmp_path) == []
     assert clean_up(tmp_path) == [".step-000000010.partial"]
     assert list(tmp_path.iterdir()) == [path]
     assert load_checkpoint(path, ppo)[0].updates == 1

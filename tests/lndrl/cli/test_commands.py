@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 import yaml
 
-from actors.balance import usable_cores
 from lndrl.cli.main import run
 from lndrl.cli.signals import stop_on_signals
 from lndrl.config import REPOSITORY_CONFIGS, load_config
+from lndrl.machine.cores import usable_cores
+from lndrl.machine.lock import FolderLock
 from lndrl.transport import Security
 
 SCENARIO = {
@@ -24,6 +25,15 @@ SCENARIO = {
     "pedestrians": {"count": [0, 0]},
     "robot": [{"start": [1, 1, 2, 2], "goal": [8, 4, 9, 5]}],
 }
+
+
+class Summary:
+    """Of a run that was stopped."""
+
+    finished = False
+
+    def __str__(self) -> str:
+        return "finished after 10 steps"
 
 
 class Services:
@@ -39,7 +49,7 @@ class Services:
             self.calls.append((name, arguments, options))
             for number in self.signals:
                 os.kill(os.getpid(), number)
-            return self.exit_code if name == "fleet" else "finished after 10 steps"
+            return self.exit_code if name == "fleet" else Summary()
 
         return called
 
@@ -319,6 +329,8 @@ def test_the_first_signal_asks_for_an_orderly_end(
     captured = capsys.readouterr()
     assert "stopping: the learner writes a checkpoint" in captured.err
     assert captured.out == "finished after 10 steps\n"
+    name = services.calls[0][1][1].name
+    assert captured.err.endswith(f"go on with: lndrl {command} run.yaml --run {name} --resume\n")
     assert signal.getsignal(number) is before
 
 
@@ -328,6 +340,17 @@ def test_the_second_signal_ends_at_once() -> None:
         assert stop.wait(5)
         os.kill(os.getpid(), signal.SIGINT)
         pytest.fail("the second signal was swallowed")
+
+
+@pytest.mark.parametrize("command", ["train", "learner", "train --serial"])
+def test_a_run_that_is_at_work_is_refused_before_a_port_is_asked_for(
+    command: str, services: Services, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with FolderLock(existing_run(), "a learner", "stop it"):
+        error = refused(capsys, *command.split(), "--run", "first", "--resume")
+    words = f"runs/first: a learner is still at work there, process {os.getpid()} on "
+    assert words in error and error.rstrip().endswith("stop it there, or choose another --run")
+    assert not services.calls
 
 
 def test_a_start_inside_a_wall_is_refused_before_anything_is_written(

@@ -215,7 +215,9 @@ def test_one_set_takes_several_values(given: str, spread: str) -> None:
     assert list(command_line._spread_settings(given.split())) == spread.split()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130), (signal.SIGHUP, 129)]
+)
 def test_signals_end_a_process_without_a_traceback(number: int, code: int) -> None:
     waiting = (
         "import sys, time, types\n"

@@ -89,7 +89,10 @@ def test_play_draws_the_episode_that_evaluate_counts(room: str, tmp_path: Path, 
         assert getattr(image, "n_frames", 1) > 1
 
 
-def test_ctrl_c_ends_evaluate_and_its_workers(room: str) -> None:
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_signal_to_all_ends_evaluate_and_its_workers(room: str, number: int, code: int) -> None:
     command = [sys.executable, "-m", "lndrl", "evaluate", "random", "--scenario", room,
                "--episodes", "100000", "--workers", "2"]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -103,9 +106,11 @@ def test_ctrl_c_ends_evaluate_and_its_workers(room: str) -> None:
             time.sleep(0.05)
         children = _children(process.pid)
         assert len(children) == 3  # two workers and multiprocessing's resource tracker
-        os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(30) == 130
-        assert "Traceback" not in process.stderr.read()
+        os.killpg(process.pid, number)
+        assert process.wait(30) == code
+        error = process.stderr.read()
+        assert "Traceback" not in error and "worker " not in error
+        assert "stopped: random on room, " in error
         while any(Path(f"/proc/{pid}").exists() for pid in children):
             assert time.monotonic() < deadline + 10
             time.sleep(0.05)

@@ -15,6 +15,7 @@ import pytest
 from lndrl import kernels
 from lndrl.errors import UserError
 from lndrl.evaluation.pool import run_tasks
+from lndrl.machine.signals import STOP_SIGNALS
 
 HERE = Path(__file__).parent
 PARENT = """
@@ -60,6 +61,16 @@ def test_an_abandoned_iteration_leaves_no_worker(pool_work: ModuleType) -> None:
     results = run_tasks(pool_work.squares, (0,), range(100), 1)
     next(results)
     results.close()
+    assert multiprocessing.active_children() == []
+
+
+def test_what_a_whole_group_is_sent_does_not_reach_a_worker(pool_work: ModuleType) -> None:
+    """It would die first, and its parent take the signal that comes to itself for its death."""
+    results = run_tasks(pool_work.squares, (7,), range(40), 1)
+    *_, worker = next(results)
+    for number in STOP_SIGNALS:
+        os.kill(worker, number)
+    assert len(list(results)) == 79
     assert multiprocessing.active_children() == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 from pathlib import Path
 
@@ -101,7 +102,9 @@ def test_ctrl_c_interrupts_the_run_and_says_how_to_go_on(
     ((name, given, process),) = started
     assert (name, given) == ("one", [*options, "--no-dashboard"])
     assert process.interrupted == 1
-    assert "the same command goes on where this one stopped" in capsys.readouterr().err
+    again = f"lndrl {shlex.join([*command, *options])}"
+    err = capsys.readouterr().err
+    assert err.endswith(f"the same command goes on where this one stopped: {again}\n")
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import pytest
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep import Job, Progress, SweepFolder, Work, next_job
 from lndrl.evaluation.sweep.processes import RealProcess
+from lndrl.machine.lock import FolderLock
 from tests.lndrl.evaluation.sweep.helpers_sweep import rows_of, small_sweep, write_run
 
 ROWS = rows_of(["arrived", "lost"] * 50, 1000, 10)
@@ -189,6 +190,21 @@ def test_a_folder_serves_one_sweep_at_a_time(tmp_path: Path) -> None:
         pass
     with folder.locked():
         pass
+
+
+def test_a_run_that_somebody_else_trains_is_not_cleared_away(tmp_path: Path) -> None:
+    """Before its first checkpoint a run looks like one that never began."""
+    sweep, folder = small_sweep(tmp_path)
+    place = folder.run_path(sweep.runs()[0])
+    place.mkdir(parents=True)
+    with (
+        FolderLock(place, "a learner", "stop it"),
+        pytest.raises(UserError, match="base-s1: a learner is still at work there"),
+    ):
+        folder.prepare(sweep.runs()[0])
+    assert place.is_dir()
+    folder.prepare(sweep.runs()[0])
+    assert not place.exists()
 
 
 STUBBORN = """

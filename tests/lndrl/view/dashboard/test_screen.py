@@ -71,6 +71,12 @@ def test_worst_actor_stands_first(answer: Answer) -> None:
     assert states == ["gone", "slow", *["active"] * 7]
 
 
+def test_actors_stand_in_the_order_of_their_numbers(answer: Answer) -> None:
+    status, _ = parse_reply(answer(fleet=12))
+    alike = [actor.id for actor in worst_first(status.actors) if actor.lag < 2][1:]
+    assert alike == ["node-0", "node-1", "node-4", "node-6", "node-7", "node-9", "node-10"]
+
+
 @pytest.mark.parametrize(
     ("change", "age", "expected"),
     [
