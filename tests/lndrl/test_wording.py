@@ -36,7 +36,7 @@ def hall(width: float, height: float) -> np.ndarray:
 
 def test_a_small_floor_is_told_its_people_in_words() -> None:
     _, note = find_people(Pedestrians(count=(12, 16)), hall(6.0, 5.6), 0.05)
-    assert note.startswith("4 people instead of 12 to 16: ")
+    assert note.startswith("4 people instead of 12 to 16 people: ")
 
 
 def test_a_wanted_distance_of_one_number_is_told_as_one() -> None:
