@@ -151,8 +151,12 @@ def test_a_run_that_waits_for_kernels_says_so(start, monkeypatch) -> None:
     run.learner.ingest.on_hello(hello)  # it has them all
     assert parse_status(snapshot(run.learner)).verdict == "learning"
     run.learner.ingest.on_hello(replace(hello, kernels_ready=1, kernels_needed=31))
+    starting = Hello("a", run.incarnation, "h", 1, 2, VERSION, kernels_needed=31)
+    run.learner.ingest.on_hello(starting)
     run.update()
-    assert parse_status(snapshot(run.learner)).verdict == "learning", "others deliver"
+    status = parse_status(snapshot(run.learner))
+    assert status.verdict == "learning", "others deliver"
+    assert {row.id: row.kernels_needed for row in status.actors} == {"a-0": 31, "a": 0}
     monkeypatch.setattr("lndrl.kernels.in_progress", lambda: (3, 9))
     said = parse_status(snapshot(run.learner)).verdict
     assert said.startswith("compiling: 3 of 9 kernels are ready in the learner")
