@@ -118,7 +118,14 @@ def beam_ends(ranges, bearings, range_max, resolution, beams):
     return kept, broken
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
+# Fast, but not so fast that what is not finite could be anything: ``_keep_finite`` looks at it.
+@njit(
+    cache=True,
+    nogil=True,
+    _nrt=False,
+    error_model="numpy",
+    fastmath={"reassoc", "contract", "arcp", "nsz", "afn"},
+)
 def to_cells(particles, count, resolution, origin_x, origin_y, cells):
     """Particles (rows x, y, yaw, cos, sin) as float32 rows x, y, cos, sin in table cells."""
     scale = 1.0 / resolution

@@ -19,10 +19,10 @@ _TAN_22_5 = 0.4142135623730951
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def exp_minus(x):
-    """``exp(-x)`` for x >= 0, relative error below 3e-10; 0 from 24 on."""
-    if x >= _LAST:
+    """``exp(-x)`` for x >= 0, relative error below 3e-10; 0 from 24 on, and for NaN."""
+    if not x < _LAST:
         return 0.0
-    entry = int(x * _STEPS)
+    entry = max(int(x * _STEPS), 0)
     r = x - entry * (1.0 / _STEPS)
     return _TABLE[entry] * (1.0 - r * (1.0 - r * (0.5 - r * (1.0 / 6.0 - r * (1.0 / 24.0)))))
 

@@ -127,3 +127,19 @@ def test_empty_and_full_maps():
     assert np.allclose(empty.table, factor_twin(np.inf))
     with pytest.raises(UserError, match="no free cell"):
         LikelihoodMap.build(OccupancyGrid(np.ones((5, 5), dtype=bool), 0.1), CONFIG)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e300])
+def test_what_is_not_finite_lies_off_the_map_and_is_no_index(value: float) -> None:
+    field = LikelihoodMap.build(random_grid(), CONFIG)
+    rows, columns = field.table.shape
+    particles = np.full((5, 64), value)
+    cells = np.zeros((4, 64), np.float32)
+    to_cells(particles, 64, 0.1, *field.origin, cells)
+    assert np.isfinite(cells).all()
+    beams = np.array([[3.0, -200.0], [50.0, 0.0]], np.float32)
+    index = np.zeros((BEAMS_PER_PASS, 64), np.int32)
+    likelihood = np.zeros(50, np.float32)
+    likelihood_field(field.table.ravel(), rows, columns, cells, 50, beams, 2, index, likelihood)
+    assert 0 <= index.min() <= index.max() < field.table.size
+    assert (likelihood >= 1.0).all() and np.isfinite(likelihood).all()

@@ -8,6 +8,9 @@ def test_exp_minus_is_the_exponential():
     got = np.array([exp_minus(v) for v in x])
     assert np.abs(got / np.exp(-x) - 1.0).max() < 3e-10
     assert exp_minus(24.0) == exp_minus(1e300) == exp_minus(np.inf) == 0.0
+    # Neither may become an index of the table.
+    assert exp_minus(np.nan) == 0.0
+    assert np.isfinite(exp_minus(-1e6))
 
 
 def test_angle_of_is_arctan2():
