@@ -107,16 +107,19 @@ class Learner:
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
         self._failures = 0
-        where = f"from step {self.counters.steps:,}" if resume else begin
+        self._tell_start(f"from step {self.counters.steps:,}" if resume else begin)
+        if chosen is not None:
+            self._take_up(chosen, books)
+        self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
+
+    def _tell_start(self, where: str) -> None:
+        """Events of what began, and of what whoever began it should know."""
         self.events.add("start", f"run {self.folder.run_id} {where}")
-        for note in config.scenario.map_notes:
+        for note in self.config.scenario.map_notes:
             self.events.add("map", note)
         if self.folder.unlocked:
             text = f"the folder cannot be locked ({self.folder.unlocked}): let no other learner in"
             self.events.add("disk", text)
-        if chosen is not None:
-            self._take_up(chosen, books)
-        self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
 
     # -- the loop ----------------------------------------------------------------------------
 
