@@ -19,7 +19,7 @@ from lndrl.localization.belief import (
 from lndrl.localization.bins import make_bins
 from lndrl.localization.resampling import kld_limits
 from lndrl.localization.update import reset_belief
-from lndrl.maps.paths import leg_room
+from lndrl.maps.paths import leg_keeps
 from lndrl.maps.raycast import sample_field
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
 from lndrl.navigation.reward import reward_weights
@@ -28,13 +28,14 @@ from lndrl.navigation.terms import own_terms
 from lndrl.navigation.track import RUNNING, make_tracks
 from lndrl.randomness import uniform
 from lndrl.world import Place, WorldBatch, beam_bearings
+from lndrl.world.orca_walls import insert_edges
 from lndrl.world.pedestrians import place_legs
 from lndrl.world.place import draw_free
 from lndrl.world.placement import place_people
 from lndrl.world.social_force import relaxation
 
 KERNELS = (
-    draw_free, leg_room, sample_field, uniform, relaxation, room_for,
+    draw_free, insert_edges, leg_keeps, sample_field, uniform, relaxation, room_for,
     place_people, place_legs, reset_belief, drive_worlds, judge_worlds,
 )  # fmt: skip
 """What places and worlds call from Python, as they do; all the rest is called by these."""
