@@ -107,19 +107,10 @@ class Learner:
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
         self._failures = 0
-        self._tell_start(f"from step {self.counters.steps:,}" if resume else begin)
+        self._announce(f"from step {self.counters.steps:,}" if resume else begin)
         if chosen is not None:
             self._take_up(chosen, books)
         self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
-
-    def _tell_start(self, where: str) -> None:
-        """Events of what began, and of what whoever began it should know."""
-        self.events.add("start", f"run {self.folder.run_id} {where}")
-        for note in self.config.scenario.map_notes:
-            self.events.add("map", note)
-        if self.folder.unlocked:
-            text = f"the folder cannot be locked ({self.folder.unlocked}): let no other learner in"
-            self.events.add("disk", text)
 
     # -- the loop ----------------------------------------------------------------------------
 
@@ -194,6 +185,15 @@ class Learner:
         if self.config.learner.mode == "lockstep":
             return self.ingest.take_round(self.config.fixed_actors, timeout)
         return self.ingest.take(self.config.ppo.batch_size, timeout)
+
+    def _announce(self, where: str) -> None:
+        """Say what begins ``where``, and what whoever runs it should know."""
+        self.events.add("start", f"run {self.folder.run_id} {where}")
+        for note in self.config.scenario.map_notes:
+            self.events.add("map", note)
+        if self.folder.unlocked:
+            text = f"the folder cannot be locked ({self.folder.unlocked}): let no other learner in"
+            self.events.add("disk", text)
 
     def _load(self, checkpoint: str | None) -> tuple[Path, dict[str, Any]]:
         """Go on from a checkpoint of the folder; returns which, and the books in it."""
