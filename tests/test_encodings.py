@@ -13,7 +13,7 @@ FILES = sorted(
 )
 # Of each call that makes text of bytes or bytes of text: at which place its encoding may stand.
 PLACES = {"read_text": 0, "write_text": 1, "fdopen": 3, "open": 3, "FileHandler": 2}
-BINARY_OPENERS = {"os", "Image", "zenoh", "wave", "webbrowser"}
+BINARY_OPENERS = {"os", "Image", "zenoh", "wave", "webbrowser", "RunFolder"}
 RUNNERS = {"run", "Popen", "check_output", "check_call", "getoutput"}
 
 

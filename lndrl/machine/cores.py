@@ -117,10 +117,10 @@ def _nested(root: Path, mount: _Mount, group: PurePosixPath) -> Iterator[Path]:
 def _quota(folder: Path, version: int) -> float | None:
     try:
         if version == 2:
-            quota, period = (folder / "cpu.max").read_text().split()
+            quota, period = (folder / "cpu.max").read_text("ascii").split()
         else:
-            quota = (folder / "cpu.cfs_quota_us").read_text()
-            period = (folder / "cpu.cfs_period_us").read_text()
+            quota = (folder / "cpu.cfs_quota_us").read_text("ascii")
+            period = (folder / "cpu.cfs_period_us").read_text("ascii")
         share = int(quota) / int(period)  # "max" is no number
     except (OSError, ValueError, ZeroDivisionError):
         return None
@@ -134,6 +134,6 @@ def _plain(text: str) -> str:
 
 def _lines(path: Path) -> list[str]:
     try:
-        return path.read_text(errors="replace").splitlines()
+        return path.read_text("utf-8", "replace").splitlines()
     except OSError:
         return []

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,6 +17,7 @@ _POINTS = 72.0  # per inch
 _HINTED = 1.06  # letters are moved to whole pixels, which widens small ones
 
 
+@cache
 def text_width(text: str, size: float, weight: str = "normal") -> float:
     """Inches that one line of ``text`` takes in the default font, ``size`` points high."""
     if not text.strip():
@@ -36,9 +40,7 @@ def wrapped(text: str, size: float, width: float) -> str:
         if lines[-1]:
             lines.append("")
         while text_width(word, size) > width and len(word) > 1:
-            fits = len(word) - 1
-            while fits > 1 and text_width(word[:fits], size) > width:
-                fits -= 1
+            fits = _most(len(word) - 1, partial(_is_within, word, size, width))
             lines[-1], word = word[:fits], word[fits:]
             lines.append("")
         lines[-1] = word
@@ -47,12 +49,26 @@ def wrapped(text: str, size: float, width: float) -> str:
 
 def shortened(text: str, size: float, width: float, weight: str = "normal") -> str:
     """``text``, its middle replaced by an ellipsis where it is wider than ``width`` inches."""
-    kept = len(text)
-    short = text
-    while text_width(short, size, weight) > width and kept > 2:
-        kept -= 1
-        short = f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
-    return short
+
+    def short(kept: int) -> str:
+        return f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
+
+    if text_width(text, size, weight) <= width or len(text) <= 2:
+        return text
+    most = len(text) - 1
+    return short(max(2, _most(most, lambda n: text_width(short(n), size, weight) <= width)))
+
+
+def _is_within(text: str, size: float, width: float, length: int) -> bool:
+    return text_width(text[:length], size) <= width
+
+
+def _most(most: int, fits: Callable[[int], bool]) -> int:
+    """The largest number up to ``most`` that ``fits``, at least 1; what is smaller fits as well.
+
+    Halving: outlines take milliseconds, and a name may be long.
+    """
+    return max(1, bisect_left(range(1, most + 1), True, key=lambda n: not fits(n)))
 
 
 def add_legend(figure: Figure, handles: list[Any], columns: int, **style: Any) -> float:
