@@ -9,7 +9,14 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.notes import say_notes
-from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
+from lndrl.cli.options import (
+    PlannerSettings,
+    ScenarioName,
+    TrustModules,
+    check_picture,
+    part_settings,
+    trust,
+)
 from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 
@@ -90,12 +97,7 @@ def _draw(snapshots: list[WorldSnapshot], out: Path, animated: bool) -> None:
 
 
 def _check(out: Path, seed: int, episode: int) -> None:
-    if out.suffix.lower() not in (".png", ".gif"):
-        raise UserError(f"--out {out}: must end in .png or .gif")
-    if not out.parent.is_dir():
-        raise UserError(f"--out {out}: folder {out.parent} does not exist")
-    if out.is_dir():
-        raise UserError(f"--out {out}: is a folder; name a file")
+    check_picture(out, ".png", ".gif")
     if seed < 0:
         raise UserError(f"--seed {seed}: must be 0 or more")
     if episode < 0:

@@ -86,7 +86,7 @@ def _one(name: str, out: Path | None, layout: int, json: bool) -> None:
         typer.echo(
             f"{counted(len(place.scenario.robot), 'task')}, "
             f"{counted(len(place.scenario.pedestrians.routes), 'route')} of pedestrians; "
-            f"--out {scenario.name}.png draws them, --json lists them"
+            "--out FILE.png draws them, --json lists them"
         )
     say_notes(place.notes)
     if out is not None:

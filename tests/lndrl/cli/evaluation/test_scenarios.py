@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -78,6 +79,25 @@ def test_a_map_that_is_wrong_is_named(tmp_path, capsys) -> None:
     (tmp_path / "s.yaml").write_text("name: s\nkind: map\nmap: m.yaml\n")
     assert run(["scenarios", str(tmp_path / "s.yaml")]) == 2
     assert "m.yaml: no such file" in capsys.readouterr().err
+
+
+def test_no_picture_is_drawn_over_the_image_of_a_map(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    office = REPOSITORY_CONFIGS / "maps" / "office"
+    with Image.open(office.with_suffix(".png")) as image:
+        image.save("building.png")
+    Path("building.yaml").write_text(
+        office.with_suffix(".yaml").read_text().replace("office.png", "building.png")
+    )
+    Path("other.yaml").write_text("a: [")  # is not asked to be whole
+    drawn = Path("building.png").read_bytes()
+    for command in (["scenarios", "building.yaml"], ["play", "straight"]):
+        assert run([*command, "--out", "building.png"]) == 2
+        said = capsys.readouterr().err
+        assert "building.png: is the image of the map building.yaml; name another" in said
+    assert Path("building.png").read_bytes() == drawn
+    for _ in range(2):  # a picture of ours may be drawn again
+        assert run(["scenarios", "building.yaml", "--out", "look.png"]) == 0
 
 
 def test_the_file_of_a_map_is_taken_for_a_scenario(capsys) -> None:
