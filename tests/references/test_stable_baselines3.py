@@ -24,7 +24,7 @@ def test_the_page_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     (training,) = (block for block in blocks if "stable_baselines3" in block)
     shorter = training.replace("STEPS = 100_000", "STEPS = 2048")
     assert shorter != training
-    names: dict[str, Any] = {"gymnasium": gymnasium}
+    names: dict[str, Any] = {}
     exec(compile(shorter, str(PAGE), "exec"), names)
     model = names["model"]
     assert model.num_timesteps == 2048 and model._n_updates == 4

@@ -25,8 +25,8 @@ def test_what_the_page_shows_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
     shown = [block for block in blocks if "stable_baselines3" not in block]
     assert len(blocks) == len(shown) + 1 == 4
-    names: dict[str, Any] = {}
-    for block in shown:
+    ran: list[dict[str, Any]] = [{} for _ in shown]  # each by itself, as somebody may copy it
+    for block, names in zip(shown, ran, strict=True):
         exec(compile(block, str(PAGE), "exec"), names)
-    assert names["observations"]["scan"].shape == (32, 1, 720)
-    assert names["env"].unwrapped.config == names["policy"].config == config
+    assert ran[1]["observations"]["scan"].shape == (32, 1, 720)
+    assert ran[2]["env"].unwrapped.config == ran[2]["policy"].config == config
