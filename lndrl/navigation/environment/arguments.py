@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
+from pydantic import BaseModel
 
 from lndrl.config import RunConfig, load_config, load_scenario, parse_config
 
@@ -19,17 +20,19 @@ LARGEST = 2**53 - 1
 """Of world ids and episode numbers: what a record of an episode can hold."""
 
 
-def run_config(config: Configuration | None, scenario: str | None) -> RunConfig:
+def run_config(config: Configuration | None, scenario: Path | str | None) -> RunConfig:
     """The configuration that is meant.
 
     ``config`` is a RunConfig, keys and values, or a YAML file; ``scenario``, a name or a YAML file,
     takes the place of its scenario. Without ``config`` all defaults, in ``scenario`` or hybrid.
     Raises UserError for a wrong file, key or name, ValueError for another type.
     """
-    if scenario is not None and not isinstance(scenario, str):
+    if isinstance(scenario, Path):
+        scenario = str(scenario)
+    if scenario is not None and (not isinstance(scenario, str) or not scenario):
         raise ValueError(f"scenario must be a name or a YAML file, not {scenario!r}")
     if config is None:
-        return RunConfig(scenario=load_scenario(scenario or "hybrid"))
+        return RunConfig(scenario=load_scenario("hybrid" if scenario is None else scenario))
     if isinstance(config, Mapping):
         config = _from_keys(dict(config), scenario)
     elif isinstance(config, Path | str):
@@ -44,9 +47,11 @@ def run_config(config: Configuration | None, scenario: str | None) -> RunConfig:
 
 
 def _from_keys(keys: dict[str, Any], scenario: str | None) -> RunConfig:
-    name = scenario or keys.get("scenario") or "hybrid"
-    if isinstance(name, str):
-        keys["scenario"] = load_scenario(name).model_dump()
+    named = keys.get("scenario") if scenario is None else scenario
+    if named is None:
+        named = "hybrid"
+    if isinstance(named, Path | str):
+        keys["scenario"] = load_scenario(str(named)).model_dump()
     return parse_config(keys, "config")
 
 
@@ -84,12 +89,17 @@ def episode_option(options: Mapping[str, Any] | None) -> int | None:
 
 
 def plain_spec(spec: EnvSpec | None) -> EnvSpec | None:
-    """``spec`` with its configuration as plain data, so that ``to_json`` can write it."""
-    if spec is None or "config" not in spec.kwargs:
-        return spec
-    config = spec.kwargs["config"]
-    if isinstance(config, RunConfig):
-        config = config.model_dump(mode="json")
-    elif isinstance(config, Path):
-        config = str(config)
-    return dataclasses.replace(spec, kwargs={**spec.kwargs, "config": config})
+    """``spec`` with its arguments as plain data, so that ``to_json`` can write it."""
+    return None if spec is None else dataclasses.replace(spec, kwargs=_plain(spec.kwargs))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value

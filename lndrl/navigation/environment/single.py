@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -33,6 +35,7 @@ from lndrl.navigation.navigation import Navigation, build_surroundings
 from lndrl.navigation.render import render_snapshot
 from lndrl.world import Place
 
+logger = logging.getLogger("lndrl")
 _PLACES: WeakValueDictionary[str, Place] = WeakValueDictionary()
 _FIELDS: WeakValueDictionary[str, LikelihoodMap] = WeakValueDictionary()
 """What environments that are alive were built in, by what they depend on."""
@@ -42,12 +45,15 @@ def shared_surroundings(config: RunConfig) -> tuple[Place, LikelihoodMap]:
     """``build_surroundings`` once for all environments of a process that are alive.
 
     Nothing writes there, and thirty-two maps in the caches of a core would be slower than one.
+    The place's notes, which commands print, go to the log when it is built.
     """
     key = config.model_dump_json(include={"scenario", "world", "localization"})
     place, field = _PLACES.get(key), _FIELDS.get(key)
     if place is None or field is None:
         place, field = build_surroundings(config)
         _PLACES[key], _FIELDS[key] = place, field
+        for note in place.notes:
+            logger.warning("note: %s", note)
     return place, field
 
 
@@ -69,7 +75,7 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
     def __init__(
         self,
         config: Configuration | None = None,
-        scenario: str | None = None,
+        scenario: Path | str | None = None,
         world_id: int = 0,
         render_mode: str | None = None,
         reward_scale: float = 1.0,
@@ -98,7 +104,7 @@ class NavigationEnv(gymnasium.Env[ObservationDict, np.int64]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How the environment was made; a configuration in it is plain data."""
+        """How the environment was made; its arguments are plain data."""
         return self._spec
 
     @spec.setter

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -61,7 +62,7 @@ class NavigationVectorEnv(
         self,
         num_envs: int = 1,
         config: Configuration | None = None,
-        scenario: str | None = None,
+        scenario: Path | str | None = None,
         world_id: int = 0,
         render_mode: str | None = None,
         reward_scale: float = 1.0,
@@ -91,7 +92,7 @@ class NavigationVectorEnv(
 
     @property
     def spec(self) -> EnvSpec | None:
-        """How the environment was made; a configuration in it is plain data."""
+        """How the environment was made; its arguments are plain data."""
         return self._spec
 
     @spec.setter

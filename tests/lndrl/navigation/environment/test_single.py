@@ -12,6 +12,7 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import check_env
+from PIL import Image
 
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
@@ -19,17 +20,18 @@ from lndrl.navigation.environment import NavigationEnv
 from lndrl.navigation.episode import EpisodeRecord
 from lndrl.navigation.reward import REWARD_PARTS
 
+SCENARIO = {
+    "name": "small",
+    "size": [12.0, 8.0],
+    "pedestrians": {
+        "count": [3, 5],
+        "routes": [{"start": [3, 5, 5, 7], "goal": [9, 5, 11, 7]}],
+    },
+    "robot": [{"start": [1, 1, 2, 2], "goal": [9, 1, 10, 2]}],
+}
 CONFIG = RunConfig.model_validate(
     {
-        "scenario": {
-            "name": "small",
-            "size": [12.0, 8.0],
-            "pedestrians": {
-                "count": [3, 5],
-                "routes": [{"start": [3, 5, 5, 7], "goal": [9, 5, 11, 7]}],
-            },
-            "robot": [{"start": [1, 1, 2, 2], "goal": [9, 1, 10, 2]}],
-        },
+        "scenario": SCENARIO,
         "localization": {"min_particles": 50, "max_particles": 100},
         "task": {"time_limit": 2.0},
     }
@@ -187,8 +189,36 @@ def test_a_scenario_takes_the_place_of_the_configurations() -> None:
         NavigationEnv({"taks": 1})
     with pytest.raises(ValueError, match="config must be a RunConfig"):
         NavigationEnv(3)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="scenario must be a name"):
-        NavigationEnv(CONFIG, scenario=3)  # type: ignore[arg-type]
+    for wrong in (3, ""):
+        with pytest.raises(ValueError, match="scenario must be a name"):
+            NavigationEnv(CONFIG, scenario=wrong)  # type: ignore[arg-type]
+    nothings: list[Any] = ["", [], False]
+    for nothing in nothings:
+        with pytest.raises(UserError, match="scenario"):
+            NavigationEnv({"scenario": nothing})
+
+
+def test_a_scenario_may_be_a_path(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(json.dumps(SCENARIO | {"name": "own"}))
+    assert NavigationEnv(CONFIG, scenario=file).config.scenario.name == "own"
+    assert NavigationEnv({"scenario": file}).config.scenario.name == "own"
+
+
+def test_what_a_map_made_of_the_scenario_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    floor = np.full((160, 200), 205, np.uint8)
+    Image.fromarray(floor).save(tmp_path / "grey.pgm")
+    (tmp_path / "grey.yaml").write_text(
+        "image: grey.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    )
+    made = NavigationEnv(scenario=tmp_path / "grey.yaml")
+    assert "grey.yaml: free_thresh 0.25 makes floor of grey 205" in caplog.text
+    caplog.clear()
+    other = NavigationEnv(made.config)
+    assert other.navigation.place is made.navigation.place and not caplog.text
 
 
 @pytest.mark.parametrize("wrong", [1.5, True, -1, "1", np.bool_(True)])
@@ -246,6 +276,28 @@ def test_a_spec_with_a_configuration_goes_through_json(tmp_path: Path) -> None:
         again = gymnasium.make(EnvSpec.from_json(text)).unwrapped
         assert isinstance(again, NavigationEnv)
         assert again.config == CONFIG and again.reward_scale == 0.5
+
+
+def test_a_spec_with_numpy_numbers_goes_through_json(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text(json.dumps(SCENARIO))
+    keys = {
+        "scenario": file,
+        "seed": np.int64(4),
+        "task": {"time_limit": np.float32(2.0), "reward": CONFIG.task.reward},
+    }
+    for many in (False, True):
+        make: Any = gymnasium.make_vec if many else gymnasium.make
+        made = make(
+            "lndrl/Navigation-v0",
+            config=keys,
+            scenario=file,
+            reward_scale=np.float32(0.5),
+            world_id=np.int64(3),
+        )
+        again = make(EnvSpec.from_json(made.spec.to_json())).unwrapped
+        assert again.config == made.unwrapped.config and again.config.seed == 4
+        assert again.reward_scale == 0.5
 
 
 def test_environments_share_what_is_never_written() -> None:
