@@ -12,6 +12,11 @@ import stat
 import sys
 
 NUMBA, MATPLOTLIB = "NUMBA_CACHE_DIR", "MPLCONFIGDIR"
+NOWHERE = (
+    "compiled kernels cannot be kept: neither the installation, nor the home folder, nor a"
+    f" temporary folder can be written; let {NUMBA} or TMPDIR name one that can"
+)
+"""What is wrong where not even a temporary folder is found."""
 
 
 def settle(package: str = os.path.dirname(__file__)) -> None:

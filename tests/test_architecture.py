@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import tomllib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -169,6 +169,8 @@ def violations(source: str, module: str, is_package: bool = False) -> list[str]:
 def inner_violations(module: str, name: str) -> list[str]:
     """What the import of ``name`` by ``module``, both of one house, breaks within it."""
     here, there = inner_room_of(module), inner_room_of(name)
+    if name in HOUSES:
+        return [f"the front door of {name} is for those outside"]
     if here == there:
         return []
     if any({here, there} <= strangers for strangers in STRANGERS):
@@ -176,6 +178,12 @@ def inner_violations(module: str, name: str) -> list[str]:
     if INNER_FLOORS[there] > INNER_FLOORS[here]:
         return [f"inner floor {INNER_FLOORS[there]} from inner floor {INNER_FLOORS[here]}"]
     return []
+
+
+def inner_rooms(files: Iterable[Path]) -> set[str]:
+    """The folders of houses that hold any of ``files``: each wants a floor of its own."""
+    folders = {".".join(path.relative_to(ROOT).parts[:-1]) for path in files}
+    return {folder for folder in folders if room_of(folder) in HOUSES}
 
 
 def long_functions(source: str) -> list[str]:
@@ -197,10 +205,18 @@ def test_every_room_has_a_floor() -> None:
 
 
 def test_every_inner_room_has_a_floor_and_every_floor_a_room() -> None:
-    folders = {module_of(path) for path in FILES if path.name == "__init__.py"}
-    inside = {name for name in folders if room_of(name) in HOUSES}
-    assert inside <= set(INNER_FLOORS)
+    assert inner_rooms(FILES) <= set(INNER_FLOORS)
     assert set(INNER_FLOORS) <= MODULES
+    assert {"learner.ppo", "lndrl.cli.fleet"} <= inner_rooms(FILES)
+
+
+def test_a_room_is_seen_by_its_files_with_or_without_an_entry() -> None:
+    files = [ROOT / "learner/attic/box.py", ROOT / "lndrl/cli/attic/shelf/box.py"]
+    assert inner_rooms(files) == {"learner.attic", "lndrl.cli.attic.shelf"}
+
+
+def test_every_folder_of_code_is_a_package() -> None:
+    assert {path.parent for path in FILES} == {p.parent for p in FILES if p.name == "__init__.py"}
 
 
 def test_a_room_with_many_files_has_rooms_within() -> None:
@@ -245,6 +261,7 @@ def test_imports_go_down(path: Path) -> None:
         ("lndrl.transport.security.access", "from lndrl.transport.zenoh.session import ExitGuard"),
         ("lndrl.transport.zenoh.actor", "import zenoh\nfrom lndrl.view import text"),
         ("lndrl.transport.desk", "from lndrl.transport.zenoh import session"),
+        ("lndrl.transport.zenoh.session", "from lndrl.transport import Welcome"),
         ("lndrl.view.dashboard.screen", "from lndrl.view.pictures.axes import styled"),
         ("lndrl.view.pictures.world", "from lndrl.view.dashboard import feed"),
         ("lndrl.view.progress", "from lndrl.view.pictures.axes import styled"),

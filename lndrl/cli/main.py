@@ -19,6 +19,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from lndrl.caches import NOWHERE
 from lndrl.cli.again import remember
 from lndrl.errors import UserError
 from lndrl.machine.cores import limit_threads
@@ -66,6 +67,8 @@ ROOMS = {
 _SETTING = re.compile(r"[A-Za-z_][\w.]*=")
 # Options of `lndrl certs` that take several values.
 _LISTS = ("--host", "--renew")
+# What numba says, in an error of no kind of its own, when a module with kernels is imported.
+_NUMBA_HAS_NO_PLACE = "cannot cache function"
 
 
 def module_of(name: str) -> str:
@@ -134,6 +137,10 @@ def run(arguments: Sequence[str]) -> int:
         return _refuse(command, error.format_message())
     except (KeyboardInterrupt, typer.Abort):
         return 128 + signal.SIGINT
+    except RuntimeError as error:
+        if not str(error).startswith(_NUMBA_HAS_NO_PLACE):
+            raise
+        return _refuse("lndrl", NOWHERE)
     return result if isinstance(result, int) else 0
 
 

@@ -53,7 +53,8 @@ def check_overlay(overlay: Mapping[str, Any], path: Path) -> None:
         return
     for keys, value in _leaves(overlay):
         if _read(at(keys, value)) is None:
-            raise UserError(f"{path}: {_named(keys)} is not a setting of zenoh, or not so")
+            hint = _meant(keys, json.loads(str(zenoh.Config())))
+            raise UserError(f"{path}: {_named(keys)} is not a setting of zenoh, or not so{hint}")
     raise UserError(f"{path}: zenoh does not accept these settings together")
 
 
@@ -82,10 +83,7 @@ def _misread(
         for key, value in given.items():
             below = (*above, key)
             if not isinstance(read, Mapping) or key not in read:
-                known = list(read) if isinstance(read, Mapping) else []
-                close = difflib.get_close_matches(key, known, n=1)
-                hint = f"; did you mean {close[0]}?" if close else ""
-                yield below, f"is not a setting of zenoh{hint}"
+                yield below, f"is not a setting of zenoh{_meant((key,), read)}"
                 continue
             usual = default.get(key) if isinstance(default, Mapping) else None
             yield from _misread(value, read[key], usual, below)
@@ -97,6 +95,18 @@ def _misread(
                 yield from _misread(value, taken, None, (*above, str(number)))
     elif given is None and default is not None and not _is_per_mode(default):
         yield above, "must not be null; leave it out for zenoh's own value"
+
+
+def _meant(keys: tuple[str, ...], known: Any) -> str:
+    """A hint where the first of ``keys`` that ``known`` lacks, level by level, is close to one."""
+    for key in keys:
+        if not isinstance(known, Mapping) or not known:
+            break
+        if key not in known:
+            close = difflib.get_close_matches(key, list(known), n=1)
+            return f"; did you mean {close[0]}?" if close else ""
+        known = known[key]
+    return ""
 
 
 def _is_per_mode(default: Any) -> bool:

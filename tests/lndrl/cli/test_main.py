@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import numba
 import pytest
 
 from lndrl.cli import main as command_line
@@ -194,6 +195,18 @@ def test_ctrl_c_leaves_with_130(fake_version, capsys: pytest.CaptureFixture[str]
     fake_version(KeyboardInterrupt())
     assert command_line.run(["version"]) == 130
     assert capsys.readouterr().err.strip() == ""
+
+
+def test_nowhere_to_keep_kernels_is_one_line(
+    fake_version, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("numba.core.caching.CompileResultCacheImpl._locator_classes", [])
+    with pytest.raises(RuntimeError) as numbas_own:
+        numba.njit(cache=True)(lambda x: x)
+    fake_version(numbas_own.value)
+    assert command_line.run(["version"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "let NUMBA_CACHE_DIR or TMPDIR name one that can" in error
 
 
 def test_a_defect_is_not_hidden(fake_version) -> None:

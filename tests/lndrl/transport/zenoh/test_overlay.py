@@ -75,6 +75,23 @@ def test_misspelt_keys_are_named_wherever_they_stand(side: str, tmp_path: Path) 
     assert json.loads(built.get_json(f"{side}/retry"))["period_init_ms"] == 5
 
 
+@pytest.mark.parametrize(
+    ("text", "hint"),
+    [
+        ("{conect: {}}", "conect is not a setting of zenoh, or not so; did you mean connect?"),
+        ("{transport: {link: {tsl: {}}}}", "did you mean tls?"),
+        ("{scouting: {multicast: {enabeld: true}}}", "did you mean enabled?"),
+        ("{xyzzy: 1}", "xyzzy is not a setting of zenoh, or not so"),
+        ("{listen: {endpoints: {peer: 5}}}", "listen/endpoints/peer is not a setting"),
+    ],
+)
+def test_misspelt_keys_that_zenoh_refuses_have_a_hint_too(
+    text: str, hint: str, tmp_path: Path
+) -> None:
+    sentence = refusal(tmp_path, text)
+    assert hint in sentence and ("did you mean" in sentence) == ("did you mean" in hint)
+
+
 def test_what_makes_zenoh_panic_or_end_the_process_is_refused(tmp_path: Path) -> None:
     text = "{transport: {multicast: {join_interval: null}}}"
     assert "join_interval must not be null" in refusal(tmp_path, text)
