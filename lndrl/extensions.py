@@ -164,7 +164,7 @@ def calling(hook: Hook, name: str) -> Iterator[None]:
         yield
     except UserError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # sys.exit(0) would end a training as if it were done
         raise UserError(f"{hook.what} {name} failed: {_words(error)}") from error
 
 
