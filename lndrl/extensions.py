@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import inspect
+import os
 import re
 import sys
 import traceback
@@ -34,6 +35,8 @@ _OWN = re.compile(r"(?P<module>[^\W\d]\w*(\.[^\W\d]\w*)*):(?P<attribute>[^\W\d]\
 _ENTRY_POINT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _MODULE = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*")
 _trusted: dict[str, None] = {}
+PARTS_FOLDER = "LNDRL_PARTS_FOLDER"
+"""Environment variable that tells a process which another folder than its own is meant."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,11 @@ def trusted_modules() -> tuple[str, ...]:
     return tuple(_trusted)
 
 
+def parts_folder() -> str:
+    """The folder in which trusted modules are looked for last: where the user's command began."""
+    return os.environ.get(PARTS_FOLDER) or os.getcwd()
+
+
 def installed(hook: Hook) -> tuple[str, ...]:
     """Names of the entry points that packages offer for ``hook``."""
     return tuple(sorted({point.name for point in _entry_points(hook.group)}))
@@ -156,7 +164,7 @@ def calling(hook: Hook, name: str) -> Iterator[None]:
         yield
     except UserError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # sys.exit(0) would end a training as if it were done
         raise UserError(f"{hook.what} {name} failed: {_words(error)}") from error
 
 

@@ -49,7 +49,24 @@ class _Wait:
 
             def load_and_register(module):
                 load(module)
-                register_environment()
+                # Where a wheel is installed, this runs in programs that have nothing to do with us:
+                # a Gymnasium that we cannot register with must still be theirs.
+                try:
+                    register_environment()
+                except Exception as error:
+                    _say_unregistered(error)
 
-            spec.loader.exec_module = load_and_register  # type: ignore[method-assign]
+            try:
+                spec.loader.exec_module = load_and_register  # type: ignore[method-assign]
+            except AttributeError as error:  # a loader that cannot be wrapped
+                _say_unregistered(error)
         return spec
+
+
+def _say_unregistered(error: Exception) -> None:
+    import logging
+
+    logging.getLogger("lndrl").warning(
+        "Gymnasium does not take the environment %s (%s: %s); its versions from 1.2 on do",
+        *(ENVIRONMENT, type(error).__name__, error),
+    )

@@ -5,7 +5,7 @@ What begins like no name is left to the shell, which completes files.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 if TYPE_CHECKING:
     from lndrl.config import Kind
@@ -14,6 +14,13 @@ if TYPE_CHECKING:
 def complete_configuration(incomplete: str) -> list[str]:
     """Names of configurations."""
     return _names("configuration", incomplete)
+
+
+def complete_shown(incomplete: str) -> list[str]:
+    """Names of whatever ``lndrl config show`` shows, configurations first."""
+    from lndrl.config import Kind
+
+    return [name for kind in get_args(Kind) for name in _names(kind, incomplete)]
 
 
 def complete_scenario(incomplete: str) -> list[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from lndrl.cli.completion import complete_configuration, complete_key
+from lndrl.cli.completion import complete_configuration, complete_key, complete_shown
 from lndrl.cli.options import Settings
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def show(
         typer.Argument(
             metavar="[NAME]",
             help="Name, YAML file or run folder; default: list all that come with the program.",
-            autocompletion=complete_configuration,
+            autocompletion=complete_shown,
         ),
     ] = None,
     settings: Settings = None,

@@ -213,10 +213,10 @@ def trust(modules: list[str] | None) -> None:
     """
     if not modules:
         return
-    from lndrl.extensions import trust_modules
+    from lndrl.extensions import parts_folder, trust_modules
 
     trust_modules(*modules)
-    here = str(Path.cwd())
+    here = parts_folder()
     if here not in sys.path:
         sys.path.append(here)
 

@@ -50,8 +50,12 @@ def keys(model: type[Model] = RunConfig) -> dict[str, Key]:
 
 
 def find_keys(name: str) -> list[Key]:
-    """The key ``name`` and all that it holds; raises UserError with the nearest for others."""
+    """The key ``name`` and all that it holds; raises UserError with the nearest for others.
+
+    A name that a user gave an entry may stand in it, as it does in files and sentences.
+    """
     known = keys()
+    name = _without_given_name(name, known)
     if name not in known:
         last = name.rpartition(".")[2]
         close = difflib.get_close_matches(name, known, n=3)
@@ -59,6 +63,16 @@ def find_keys(name: str) -> list[Key]:
         hint = f"did you mean {' or '.join(close)}?" if close else "lndrl config explain lists all"
         raise UserError(f"key {name} is unknown; {hint}")
     return [key for key in known.values() if f"{key.name}.".startswith(f"{name}.")]
+
+
+def _without_given_name(name: str, known: Mapping[str, Key]) -> str:
+    """``task.reward.terms.use`` for ``task.reward.terms.mine.use``."""
+    for holder, key in known.items():
+        if not key.is_value and key.default == "{}" and name.startswith(f"{holder}."):
+            _, _, below = name.removeprefix(f"{holder}.").partition(".")
+            meant = f"{holder}.{below}" if below else holder
+            return meant if name not in known and meant in known else name
+    return name
 
 
 def flatten(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -169,6 +169,12 @@ def test_what_a_part_raises_is_one_sentence_with_its_line(own_module: Write) -> 
         raise UserError("as it is")
 
 
+def test_a_part_does_not_end_the_program_unsaid() -> None:
+    said = r"^planner my:Part failed: SystemExit: 0 \("
+    with pytest.raises(UserError, match=said), calling(PLANNER, "my:Part"):
+        sys.exit(0)
+
+
 def test_another_text_has_another_fingerprint(own_module: Write) -> None:
     texts = (METRICS, METRICS, METRICS.replace("len(records)", "1.0"))
     prints = [fingerprint(find(METRIC, f"{own_module(text)}:Count") or object) for text in texts]

@@ -96,3 +96,29 @@ def test_a_wheel_needs_no_import(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     found = metadata.Distribution.at(next(site.glob("lndrl-*.dist-info"))).entry_points
     (point,) = found.select(group="gymnasium.envs")
     assert point.name == "lndrl" and point.load() is registration.register_environment
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "registry = None",
+        "registry = {}\ndef register(id, entry_point): registry[id] = entry_point",
+        "registry = {}\ndef register(**_): raise ValueError('no')",
+    ],
+)
+def test_another_gymnasium_stays_whole_for_others(text: str, tmp_path: Path) -> None:
+    envs = tmp_path / "gymnasium" / "envs"
+    envs.mkdir(parents=True)
+    for folder in (envs.parent, envs):
+        (folder / "__init__.py").touch()
+    (envs / "registration.py").write_text(f"{text}\nLOADED = True\n")
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from lndrl.registration import register_with_gymnasium as register; register()\n"
+        "from gymnasium.envs.registration import LOADED; print(LOADED)"
+    )
+    done = run(code, tmp_path, PYTHONWARNINGS="error")
+    assert done.stdout == "True\n", done.stderr
+    (said,) = done.stderr.splitlines()
+    assert said.startswith("Gymnasium does not take the environment lndrl/Navigation-v0 (")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
-from lndrl.extensions import trusted_modules
+from lndrl.extensions import PARTS_FOLDER, parts_folder, trusted_modules
 from lndrl.machine.cores import usable_cores
 
 
@@ -139,8 +139,10 @@ def this_program() -> dict[str, str]:
     here = str(Path(__file__).resolve().parents[3])
     inherited = os.environ.get("PYTHONPATH")
     folders = [here, *([inherited] if inherited else [])]
-    folders += [str(Path.cwd())] if trusted_modules() else []
-    return os.environ | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
+    # Not in PYTHONPATH, which comes before Python's own modules: a random.py beside the user's
+    # parts would stand in for them, and a sitecustomize.py would run unasked.
+    return environment | ({PARTS_FOLDER: parts_folder()} if trusted_modules() else {})
 
 
 def free_port() -> int:

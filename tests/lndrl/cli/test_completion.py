@@ -42,6 +42,8 @@ def completed(line: str) -> list[str]:
         ("lndrl evaluate dwa --scenario h", ["hall", "hybrid"]),
         ("lndrl scenarios sp", ["sparse"]),
         ("lndrl config sh", ["show"]),
+        ("lndrl config show p", ["paper", "ppo"]),
+        ("lndrl config show off", ["office"]),
         ("lndrl config explain ppo.c", ["ppo.critic_learning_rate", "ppo.clip"]),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from lndrl.cli.main import load_command, run
 from lndrl.cli.options import part_settings, trust
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep.processes import this_program, trust_options
+from lndrl.extensions import PARTS_FOLDER
 
 COMMANDS = (
     "actor", "learner", "train", "train-all", "sweep", "evaluate", "play", "benchmark",
@@ -46,16 +48,25 @@ def test_a_wrong_prefix_is_refused(capsys) -> None:
 def test_trusted_modules_are_found_last_in_the_working_folder(tmp_path: Path) -> None:
     trust(None)
     assert str(tmp_path) not in sys.path and trust_options() == []
-    assert str(tmp_path) not in this_program()["PYTHONPATH"]
+    assert PARTS_FOLDER not in this_program()
     trust(["mine", "other.parts"])
     assert sys.path[-1] == str(tmp_path)
     assert extensions.trusted_modules() == ("mine", "other.parts")
 
 
-def test_runs_of_a_sweep_are_told_the_same(tmp_path: Path) -> None:
+def test_runs_of_a_sweep_find_the_same_modules_and_no_others(tmp_path: Path) -> None:
+    for name in ("mine", "colorsys", "sitecustomize"):
+        (tmp_path / f"{name}.py").write_text(f"print({name!r})\n")
+    folder = tmp_path / "sweep"  # where a run is started; what lies there is nobody's part
+    folder.mkdir()
+    (folder / "mine.py").write_text("print('another')\n")
     trust(["mine"])
     assert trust_options() == ["--trust-modules", "mine"]
-    assert this_program()["PYTHONPATH"].endswith(str(tmp_path))
+    code = "from lndrl.cli.options import trust; trust(['mine']); import colorsys, mine"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, env=this_program(), capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("mine\n", "")
 
 
 def test_settings_on_the_command_line() -> None:

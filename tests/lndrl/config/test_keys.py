@@ -74,3 +74,21 @@ def test_a_key_is_found_with_what_it_holds() -> None:
 def test_an_unknown_key_is_refused_with_the_nearest(name: str, hint: str) -> None:
     with pytest.raises(UserError, match=f"key {name} is unknown; .*{hint}"):
         find_keys(name)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("task.reward.terms.mine.use", "task.reward.terms.use"),
+        ("task.reward.terms.mine", "task.reward.terms"),
+        ("task.reward.terms.use", "task.reward.terms.use"),
+    ],
+)
+def test_a_name_that_a_user_gave_is_no_part_of_a_key(written: str, meant: str) -> None:
+    assert find_keys(written)[0].name == meant
+
+
+@pytest.mark.parametrize("name", ["task.reward.terms.mine.us", "ppo.mine.gamma"])
+def test_only_entries_are_given_names(name: str) -> None:
+    with pytest.raises(UserError, match=f"key {name} is unknown; did you mean"):
+        find_keys(name)
