@@ -24,6 +24,10 @@ def settle(package: str = os.path.dirname(__file__)) -> None:
 
     Nothing is written where they have one. ``package`` is what numba would write beside.
     """
+    if os.path.exists(".numba_config.yaml"):
+        # The environment wins over that file of the working folder: what is loaded as kernels runs,
+        # so a folder that somebody downloaded must not say where it comes from.
+        os.environ.setdefault(NUMBA, "")
     homeless = {}
     if not _numba_has_a_place(package):
         homeless[NUMBA] = "numba"

@@ -110,3 +110,17 @@ def test_who_has_a_place_keeps_it(
     settle(str(package))
     assert NUMBA not in os.environ
     assert os.environ[MATPLOTLIB].endswith("matplotlib") and "fonts are kept in" in caplog.text
+
+
+def test_the_working_folder_does_not_say_where_kernels_come_from(tmp_path: Path) -> None:
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: elsewhere", encoding="utf-8")
+    environment = {key: value for key, value in os.environ.items() if key != NUMBA}
+    code = "import lndrl, numba; print(repr(numba.config.CACHE_DIR))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert (done.stdout, done.stderr) == ("''\n", "")

@@ -38,6 +38,7 @@ from lndrl.transport.messages import (
 )
 from lndrl.transport.security.exposure import UnknownHostError
 from lndrl.transport.security.identity import Security, parse_endpoint
+from lndrl.transport.zenoh.config import destination
 from lndrl.transport.zenoh.session import (
     ExitGuard,
     UnreachableError,
@@ -66,6 +67,7 @@ class ZenohActor(Bookkeeper):
         self._security = security or Security("actor")
         self._security.check(endpoint, listening=False)
         self._endpoint = endpoint
+        self._destination = destination(endpoint, security)
         self._config = config or TransportConfig(endpoint=endpoint)
         super().__init__(self._config.upload_window)
         self._session: ZenohSession | None = None
@@ -86,11 +88,11 @@ class ZenohActor(Bookkeeper):
         answer = self._first_contact(encode(hello), deadline)
         if answer is None:
             raise LearnerUnreachableError(
-                f"no learner answers at {self._endpoint} (waited {timeout:g} s);"
+                f"no learner answers at {self._destination} (waited {timeout:g} s);"
                 f" {cure(self._security)}"
             )
         if isinstance(answer, Refusal):
-            raise UserError(f"the learner at {self._endpoint} refused: {answer.reason}")
+            raise UserError(f"the learner at {self._destination} refused: {answer.reason}")
         assert isinstance(answer, Welcome)
         with self._opening:
             self._hello = hello
@@ -161,7 +163,7 @@ class ZenohActor(Bookkeeper):
             if version is not None and version < found.version:
                 raise WeightsGoneError(f"version {version} is no longer kept")
             time.sleep(min(REST / 4, left))
-        raise TimeoutError(f"no weights came from {self._endpoint} within {timeout:g} s")
+        raise TimeoutError(f"no weights came from {self._destination} within {timeout:g} s")
 
     def _check_size(self) -> None:
         """Raise TooLargeError where the newest weights are larger than what is received here."""
@@ -206,7 +208,8 @@ class ZenohActor(Bookkeeper):
                     answer, _ = decode(sample.payload.to_bytes(), Welcome, Refusal)
                 except MessageError as error:
                     raise UserError(
-                        f"what answers at {self._endpoint} is no learner of this version ({error})"
+                        f"what answers at {self._destination} is no learner of this version"
+                        f" ({error})"
                     ) from None
                 return answer
             time.sleep(min(REST, left))
@@ -299,7 +302,7 @@ class ZenohActor(Bookkeeper):
                         *(len(entry.payload) / 2**20, FAILURES_UNTIL_REOPEN),
                     )
                 return
-            logger.warning("no answer from %s; connecting anew", self._endpoint)
+            logger.warning("no answer from %s; connecting anew", self._destination)
             self._renew(failed)
 
     def _renew(self, former: ZenohSession | None) -> None:

@@ -40,6 +40,17 @@ def build(settings: Mapping[str, Any], security: Security | None = None) -> zeno
         ) from None
 
 
+def destination(endpoint: str, security: Security | None) -> str:
+    """Where a client of ``endpoint`` truly connects to, in words: an overlay's list replaces it."""
+    if security is None or security.overlay is None:
+        return endpoint
+    given = read_overlay(security.overlay).get("connect")
+    endpoints = given.get("endpoints") if isinstance(given, Mapping) else None
+    if not isinstance(endpoints, list) or not endpoints:
+        return endpoint
+    return f"{' or '.join(map(str, endpoints))} (from {security.overlay})"
+
+
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """``below`` with what ``above`` says, key by key."""
     result = dict(below)

@@ -14,6 +14,7 @@ from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.keys import STATUS
 from lndrl.transport.security.identity import Security, parse_endpoint
+from lndrl.transport.zenoh.config import destination
 from lndrl.transport.zenoh.session import (
     ExitGuard,
     UnreachableError,
@@ -38,6 +39,7 @@ class ZenohViewer:
         self._security = security or Security("dashboard")
         self._security.check(endpoint, listening=False)
         self._endpoint = endpoint
+        self._destination = destination(endpoint, security)
         self._config = config or TransportConfig(endpoint=endpoint)
         self._session: ZenohSession | None = None
         self._closed = threading.Event()
@@ -59,7 +61,7 @@ class ZenohViewer:
             self._closed.wait(min(POLL * 2, left))
         problem = "has no status yet" if reached else "does not answer"
         raise UserError(
-            f"the learner at {self._endpoint} {problem} (waited {timeout:g} s);"
+            f"the learner at {self._destination} {problem} (waited {timeout:g} s);"
             f" {cure(self._security)}"
         )
 
@@ -69,7 +71,7 @@ class ZenohViewer:
             session = self._connect(5.0)
         except UnreachableError:
             raise UserError(
-                f"no learner answers at {self._endpoint}; {cure(self._security)}"
+                f"no learner answers at {self._destination}; {cure(self._security)}"
             ) from None
         with session.zenoh.declare_subscriber(STATUS, zenoh.handlers.RingChannel(1)) as channel:
             quiet_since = time.monotonic()

@@ -175,6 +175,22 @@ def test_a_port_that_is_taken_is_that_of_the_file(tmp_path: Path) -> None:
         open_learner(config, security=nowhere)
 
 
+def test_who_does_not_answer_is_whom_the_file_names(tmp_path: Path) -> None:
+    silent, asked = free_endpoint(), free_endpoint()
+    file = overlay(tmp_path, f"{{connect: {{endpoints: ['{silent}']}}}}")
+    actor = open_actor(asked, security=Security("actor", overlay=file))
+    viewer = open_viewer(asked, security=Security("dashboard", overlay=file))
+    try:
+        for ask in (lambda: actor.hello(HELLO, 0.5), lambda: viewer.status(0.5)):
+            with pytest.raises(UserError) as caught:
+                ask()
+            assert f"{silent} (from {file})" in str(caught.value)
+            assert asked not in str(caught.value)
+    finally:
+        actor.close()
+        viewer.close()
+
+
 def test_an_unknown_host_is_said_at_once_and_by_name(tmp_path: Path) -> None:
     unknown = "tcp/no.such.host.invalid:7447"
     config = TransportConfig(endpoint=unknown)
