@@ -29,12 +29,15 @@ def register_with_gymnasium() -> None:
     """``register_environment`` at once where Gymnasium is imported, else as soon as it is."""
     if _REGISTRY in sys.modules:
         register_environment()
-    elif not any(isinstance(finder, _Wait) for finder in sys.meta_path):
+    elif not any(getattr(finder, "environment", None) == ENVIRONMENT for finder in sys.meta_path):
+        # Known by what it registers, not by its class: an installation has this file twice.
         sys.meta_path.insert(0, _Wait())
 
 
 class _Wait:
     """Finds nothing itself; has the environment registered when Gymnasium's registry is loaded."""
+
+    environment = ENVIRONMENT
 
     def find_spec(self, name, path=None, target=None):
         """See ``importlib.abc.MetaPathFinder``."""
