@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from pydantic import AfterValidator, JsonValue
 
 from lndrl.errors import UserError
+from lndrl.numbering import by_number
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -114,7 +115,7 @@ def parts_folder() -> str:
 
 def installed(hook: Hook) -> tuple[str, ...]:
     """Names of the entry points that packages offer for ``hook``."""
-    return tuple(sorted({point.name for point in _entry_points(hook.group)}))
+    return tuple(sorted({point.name for point in _entry_points(hook.group)}, key=by_number))
 
 
 def find(hook: Hook, name: str, builtin: Collection[str] = (), where: str = "") -> type | None:

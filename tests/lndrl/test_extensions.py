@@ -183,3 +183,11 @@ def test_another_text_has_another_fingerprint(own_module: Write) -> None:
 
 def test_every_hook_has_a_group_of_its_own() -> None:
     assert len({hook.group for hook in HOOKS}) == len({hook.what for hook in HOOKS}) == 6
+
+
+def test_what_is_installed_is_named_in_the_order_of_its_numbers(
+    install: Callable[[str, str, str, str], None],
+) -> None:
+    for number in (10, 2, 1):
+        install(f"many{number}", "lndrl.planners", f"part{number}", "somewhere:Planner")
+    assert extensions.installed(extensions.PLANNER) == ("part1", "part2", "part10")

@@ -9,7 +9,7 @@ from typing import Any
 import zenoh
 
 from lndrl.errors import UserError
-from lndrl.transport.security.exposure import check_exposure, check_interfaces
+from lndrl.transport.security.exposure import check_exposure, check_interfaces, endpoints_of
 from lndrl.transport.security.identity import Security
 from lndrl.transport.zenoh.overlay import at, check_overlay, read_overlay
 
@@ -44,11 +44,10 @@ def destination(endpoint: str, security: Security | None) -> str:
     """Where a client of ``endpoint`` truly connects to, in words: an overlay's list replaces it."""
     if security is None or security.overlay is None:
         return endpoint
-    given = read_overlay(security.overlay).get("connect")
-    endpoints = given.get("endpoints") if isinstance(given, Mapping) else None
-    if not isinstance(endpoints, list) or not endpoints:
-        return endpoint
-    return f"{' or '.join(map(str, endpoints))} (from {security.overlay})"
+    overlay = read_overlay(security.overlay)
+    check_overlay(overlay, security.overlay)
+    endpoints = " or ".join(endpoints_of(overlay, "connect"))
+    return f"{endpoints} (from {security.overlay})" if endpoints else endpoint
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import random
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import pytest
@@ -43,8 +44,10 @@ def test_a_run_whose_chunks_would_never_arrive_is_refused_at_the_start(tmp_path:
         actor={"worlds": 20, "horizon": 64},
     )
     folder = tmp_path / "run"
+    stop = Event()
+    stop.set()  # a learner that does not look would wait for such chunks for ever
     with pytest.raises(UserError) as caught:
-        run_learner(config, folder, resume=False)
+        run_learner(config, folder, resume=False, stop=stop)
     sentence = str(caught.value)
     assert "20 worlds and 64 steps" in sentence and "max_message_megabytes 1 " in sentence
     assert not folder.exists()
