@@ -61,20 +61,38 @@ class Model(BaseModel):
 
 M = TypeVar("M", bound=Model)
 
-LATER = "later"
-"""Marks a key, ``Annotated[T, LATER]``, that came after hashes were frozen: see ``effective``."""
+
+class Later:
+    """Marks a key that came after hashes were frozen, see ``effective``.
+
+    ``neutral`` is the value at which all is as it was before the key existed, by default the key's
+    default; a key whose default is something new names the old behaviour.
+    """
+
+    def __init__(self, *neutral: Any) -> None:
+        self._neutral = neutral
+
+    def neutral(self, default: Any) -> Any:
+        """The value that changes nothing, of a key with ``default``."""
+        return self._neutral[0] if self._neutral else default
+
+
+LATER = Later()
+"""``Annotated[T, LATER]``: a later key that does nothing unless it is set."""
 
 
 def effective(model: Model) -> dict[str, Any]:
     """``model`` as plain JSON data, for hashes that say whether two behave alike.
 
-    A key that is marked LATER is left out where it has its default, which does nothing: so what
-    was hashed before the key existed still has its hash.
+    A key that is marked as ``Later`` is left out where it has its neutral value: so what was hashed
+    before the key existed still has its hash.
     """
     data = model.model_dump(mode="json")
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
-        if LATER in field.metadata and value == field.get_default(call_default_factory=True):
+        default = field.get_default(call_default_factory=True)
+        marks = [mark for mark in field.metadata if isinstance(mark, Later)]
+        if marks and value == marks[0].neutral(default):
             del data[name]
         else:
             data[name] = _effective_value(value, data[name])

@@ -10,9 +10,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from lndrl.models import (
+    LATER,
     Angle,
     AngleVariance,
     Count,
+    Later,
     Model,
     NonNegative,
     Positive,
@@ -39,6 +41,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "resample_model_type": "systematic",
         "recovery_persistent": True,
         "recovery_tolerance": 5.0,
+        "kld_one_bin": "min",
     },
     "perfect": {"kind": "perfect"},
 }
@@ -71,6 +74,11 @@ class LocalizationConfig(Model):
     kld_z: Positive = Field(0.99, description="used directly as the normal quantile, like ROS")
     kld_z_is_probability: bool = Field(
         False, description="kld_z is the probability instead: 0.99 becomes the quantile 2.326"
+    )
+    kld_one_bin: Annotated[Literal["max", "min"], Later("min")] = Field(
+        "max",
+        description="particles asked for while all lie in one bin: max_particles, as ROS has it, or "
+        "min_particles, which costs less and keeps the count, and with it the recovery, calm",
     )
     odom_model_type: Literal["diff", "diff-corrected"] = Field(
         "diff", description="diff uses variances as deviations, like ROS; diff-corrected does not"
@@ -123,6 +131,11 @@ class LocalizationConfig(Model):
         0.01, description="m of odometry in x or y, else no update (LAUNCH)"
     )
     update_min_a: Angle = Field(0.001, description="rad of odometry, else no update (LAUNCH)")
+    update_ticks: Annotated[list[Count] | None, LATER] = Field(
+        None,
+        description="ticks of a control step after which the filter hears odometry and laser, from "
+        "1 to world.ticks_per_step, which is among them, e.g. [2, 4]. Default: after every tick",
+    )
     resample_interval: Count = Field(1, description="updates per resampling (LAUNCH)")
     resample_model_type: Literal["multinomial", "systematic"] = Field(
         "multinomial", description="independent draws, or evenly spread ones"
@@ -188,6 +201,9 @@ class LocalizationConfig(Model):
 
     @model_validator(mode="after")
     def _order(self) -> LocalizationConfig:
+        ticks = self.update_ticks
+        if ticks is not None and (not ticks or ticks != sorted(set(ticks))):
+            raise ValueError(f"update_ticks {ticks} must name ticks in ascending order, each once")
         if self.min_particles > self.max_particles:
             raise ValueError("min_particles must not exceed max_particles")
         if self.kld_z_is_probability and not 0.5 < self.kld_z < 1.0:

@@ -76,6 +76,16 @@ class RunConfig(Model):
             )
         return self
 
+    @model_validator(mode="after")
+    def _filter_hears_the_steps_end(self) -> RunConfig:
+        ticks, last = self.localization.update_ticks, self.world.ticks_per_step
+        if ticks is not None and ticks[-1] != last:
+            raise ValueError(
+                f"localization.update_ticks {ticks} must end with {last}, the last tick of a control "
+                "step (world.ticks_per_step): what the robot hears then describes the step's end"
+            )
+        return self
+
     @property
     def steps_limit(self) -> int:
         """Control steps until an episode is truncated (parameters §4.6), at least 1."""

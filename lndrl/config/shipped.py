@@ -19,8 +19,8 @@ PLACES: dict[Kind, str] = {
     "configuration": "*.yaml",
     "scenario": "scenarios/*.yaml",
     "sweep": "sweeps/*.yaml",
-    "bench": "benchmark.yaml",
-    "calibration": "calibration.yaml",
+    "bench": "benchmark*.yaml",
+    "calibration": "calibration*.yaml",
 }
 """Where the files of a kind lie below REPOSITORY_CONFIGS."""
 DEFAULTS: dict[Kind, str] = {
@@ -38,7 +38,8 @@ def shipped(kind: Kind) -> dict[str, Path]:
         path.stem: path for path in sorted(REPOSITORY_CONFIGS.glob(PLACES[kind]), key=by_number)
     }
     if kind == "configuration":  # the others of that folder are of a kind of their own
-        found = {n: p for n, p in found.items() if n not in (DEFAULTS["bench"], "calibration")}
+        others = {*shipped("bench"), *shipped("calibration")}
+        found = {n: p for n, p in found.items() if n not in others}
     return found
 
 

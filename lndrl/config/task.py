@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from lndrl.extensions import PartName, PartSettings
-from lndrl.models import LATER, Count, Model, Positive, PositiveAngle, Seconds
+from lndrl.models import LATER, Count, Later, Model, Positive, PositiveAngle, Seconds
 
 _TERM_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MOST_TERMS = 16
@@ -70,6 +70,12 @@ class TaskConfig(Model):
     lost_distance: Positive = Field(2.0, description="m, truth to estimate: lost (PAPER)")
     lost_angle: PositiveAngle = Field(
         0.7853981633974483, description="rad, truth to estimate: lost; pi/4 (PAPER)"
+    )
+    judged_moment: Annotated[Literal["report", "present"], Later("present")] = Field(
+        "report",
+        description="where localization.delay makes reports old: the pose error that is paid for, "
+        "and that ends an episode as lost, compares a report with the truth of the moment that it "
+        "describes, or with the present truth, which charges every turn for being heard late",
     )
     time_limit: Seconds = Field(60.0, description="s, then an episode is truncated (GROUP)")
     scan_frames: Annotated[int, Field(ge=1, le=8)] = Field(

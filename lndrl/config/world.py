@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
 from pydantic import Field, model_validator
 
 from lndrl.models import (
+    LATER,
     Angle,
     Count,
     Model,
@@ -101,6 +104,11 @@ class WorldConfig(Model):
     robot_radius: Positive = Field(0.17, description="m, of the robot's disc (GROUP)")
     odometry_deviation: NonNegative = Field(
         0.1, description="deviation of the factor on v and on w; N(1, 0.01) is a variance (PAPER)"
+    )
+    odometry_draw: Annotated[Literal["step", "reading"], LATER] = Field(
+        "step",
+        description="the two factors are drawn for every control step, or for every odometry "
+        "reading, which is every tick: the paper's words can be read both ways",
     )
     laser: LaserConfig = Field(LaserConfig(), description="the laser and its noise")
     crowd: CrowdConfig = Field(CrowdConfig(), description="how people walk")

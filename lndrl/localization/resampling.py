@@ -25,10 +25,13 @@ def kld_limits(config: LocalizationConfig) -> NDArray[np.int32]:
     """Particles that suffice for k occupied bins, int32 ``(max_particles + 1,)``, k from 0 up.
 
     Fox's bound with the Wilson-Hilferty quantile, kept between ``min_particles`` and
-    ``max_particles``. ROS asks for the maximum when all particles share one bin, which costs 2.7
-    times as much and gains no accuracy; here one bin asks for the minimum.
+    ``max_particles``. While all particles share one bin the bound says nothing, and
+    ``kld_one_bin`` decides: ROS asks for the maximum then (``pf_resample_limit``). A tight cloud
+    that crosses a border between bins so flips between the two sizes.
     """
     limits = np.full(config.max_particles + 1, config.min_particles, dtype=np.int32)
+    if config.kld_one_bin == "max":
+        limits[:2] = config.max_particles
     for k in range(2, config.max_particles + 1):
         spread = 2.0 / (9.0 * (k - 1))
         quantile = (1.0 - spread + math.sqrt(spread) * config.kld_quantile) ** 3

@@ -83,6 +83,7 @@ class NavigationBatch:
             bearings=bearings,
             stride=stride,
             perfect=self.perfect,
+            heard=_heard(config),
         )
         self.task = _task(config)
         self.terms = own_terms(config, worlds)
@@ -177,6 +178,13 @@ def _check_room(observation: Observation, worlds: int, config: RunConfig) -> Non
             )
 
 
+def _heard(config: RunConfig) -> NDArray[np.bool_]:
+    """(ticks per control step,) whether the filter updates after the tick."""
+    ticks = np.arange(1, config.world.ticks_per_step + 1)
+    chosen = config.localization.update_ticks
+    return np.ones(len(ticks), bool) if chosen is None else np.isin(ticks, chosen)
+
+
 def _task(config: RunConfig) -> Task:
     task = config.task
     return Task(
@@ -187,4 +195,5 @@ def _task(config: RunConfig) -> Task:
         variance_limit=float(task.variance_limit),
         limits=(float(task.lost_distance), float(task.lost_angle), float(task.arrive_distance)),
         weights=reward_weights(task.reward),
+        judges_report=task.judged_moment == "report",
     )

@@ -65,10 +65,9 @@ def has_arrived(pose_estimated, goal, arrive_distance):
 
 @njit(cache=True, nogil=True, _nrt=False)
 def reward_parts(
-    pose_true_before,
-    pose_estimated_before,
+    before,
     pose_true,
-    pose_estimated,
+    report,
     variance,
     goal,
     arrived,
@@ -79,13 +78,13 @@ def reward_parts(
 ):
     """Write the six parts of one transition to ``out`` (6,), in the order of ``REWARD_PARTS``.
 
-    ``variance`` (3,) are the unclipped variances after the transition; ``arrived``,
+    ``before`` (3, 3), ``report`` (9,) as in ``judge``. ``variance`` (3,) are the unclipped variances after the transition; ``arrived``,
     ``collided``, ``lost`` are booleans; ``weights`` (6,) come from ``reward_weights``. Approach
     uses true positions, so a wrong belief earns nothing by itself.
     """
-    approached = goal_distance(pose_true_before, goal) - goal_distance(pose_true, goal)
-    error_before = pose_error(pose_true_before, pose_estimated_before)
-    error = pose_error(pose_true, pose_estimated)
+    approached = goal_distance(before[0], goal) - goal_distance(pose_true, goal)
+    error_before = pose_error(before[2], before[1])
+    error = pose_error(report[6:], report[:3])
     out[0] = weights[0] * approached / (1.0 + variance[0] + variance[1] + variance[2])
     out[1] = weights[1] * (error_before - error)
     out[2] = weights[2] if arrived else 0.0
@@ -95,30 +94,20 @@ def reward_parts(
 
 
 @njit(cache=True, nogil=True, _nrt=False)
-def judge(
-    before, pose_true, pose_estimated, variance, goal, collided, limits, weights, parts, sums
-):
+def judge(before, pose_true, report, variance, goal, collided, limits, weights, parts, sums):
     """Pay and judge one control step in a single call; returns (reward, lost, arrived).
 
-    ``before`` (2, 3) are true and estimated pose before the step; ``limits`` the tuple
-    (lost_distance, lost_angle, arrive_distance). Writes ``parts`` (6,) and adds to ``sums`` (9,)
-    the parts, position error, angle error and the variances' sum.
+    ``report`` (9,) is what is heard of the filter after the step: its pose, its variances, and the
+    true pose that it is judged by. ``before`` (3, 3) are, before the step, the true pose, the pose
+    that was heard and the true pose that it was judged by; ``limits`` the tuple (lost_distance,
+    lost_angle, arrive_distance). Writes ``parts`` (6,) and adds to ``sums`` (9,) the parts, position
+    error, angle error and the variances' sum; the errors are those of what is heard against where
+    the robot is.
     """
-    lost = is_lost(pose_true, pose_estimated, limits[0], limits[1])
+    pose_estimated = report[:3]
+    lost = is_lost(report[6:], pose_estimated, limits[0], limits[1])
     arrived = has_arrived(pose_estimated, goal, limits[2])
-    reward_parts(
-        before[0],
-        before[1],
-        pose_true,
-        pose_estimated,
-        variance,
-        goal,
-        arrived,
-        collided,
-        lost,
-        weights,
-        parts,
-    )
+    reward_parts(before, pose_true, report, variance, goal, arrived, collided, lost, weights, parts)
     reward = 0.0
     for i in range(6):
         reward += parts[i]

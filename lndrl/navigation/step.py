@@ -46,6 +46,7 @@ class Filter(NamedTuple):
     bearings: NDArray[np.float32]  # (beams used,) rad
     stride: int  # every how many beams one is used
     perfect: bool  # the estimate is the truth
+    heard: NDArray[np.bool_]  # (ticks per control step,) whether the filter updates after it
 
 
 class Task(NamedTuple):
@@ -58,6 +59,7 @@ class Task(NamedTuple):
     variance_limit: float
     limits: tuple[float, float, float]  # lost distance (m), lost angle (rad), arrival (m)
     weights: Floats  # (6,) of the reward's parts
+    judges_report: bool  # against the truth that it describes, not the present one
 
 
 class Views(NamedTuple):
@@ -98,7 +100,7 @@ def _setting(packed):
     return Setting(
         Surroundings(around[0], around[1], Walls(*around[2])), Walls(*packed[1]),
         CrowdParameters(*packed[2]), RayMap(*packed[3]), Fan(*packed[4]),
-        packed[5], packed[6], packed[7], packed[8],
+        packed[5], packed[6], packed[7], packed[8], packed[9],
     )  # fmt: skip
 
 
@@ -114,7 +116,7 @@ def _scratch(packed):
 def _shared(packed):
     return Filter(
         FilterScratch(*packed[0]), Bins(*packed[1]), packed[2], Field(*packed[3]),
-        Settings(*packed[4]), packed[5], packed[6], packed[7], packed[8],
+        Settings(*packed[4]), packed[5], packed[6], packed[7], packed[8], packed[9],
     )  # fmt: skip
 
 
@@ -163,6 +165,7 @@ def _begin(robot, track, v, w, deviation):
     for k in range(3):
         track.before[0, k] = robot.pose[k]
         track.before[1, k] = track.reports[-1, k]
+        track.before[2, k] = track.reports[-1, 6 + k]
     take_command(robot, v, w, deviation)
 
 
@@ -172,9 +175,9 @@ def drive_worlds(machine, first, commands, ticks):
 
     ``machine`` is a packed ``Machine``.
 
-    After every tick the filter hears odometry and laser; a collision ends a world's drive. The
-    last scan is a full one. 0 ticks only sense, as an episode's start does. Worlds that the machine
-    does not have are left out.
+    After every tick that ``Filter.heard`` names, and always after the last, the filter hears
+    odometry and laser; a collision ends a world's drive. The last scan is a full one. 0 ticks only
+    sense, as an episode's start does. Worlds that the machine does not have are left out.
     """
     robots, crowds = Robot(*machine[0]), People(*machine[1])
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
@@ -191,7 +194,7 @@ def drive_worlds(machine, first, commands, ticks):
                 tick_inline(robot, people, setting, scratch)
                 track.distance[0] += np.hypot(robot.pose[0] - x, robot.pose[1] - y)
             last = tick >= ticks - 1 or robot.contact[0] != 0
-            if shared.perfect and not last:
+            if not last and (shared.perfect or not shared.heard[min(tick, len(shared.heard) - 1)]):
                 continue
             # The policy never sees the scans between: only the beams that the filter uses are cast.
             stride = 1 if last else shared.stride
@@ -216,20 +219,25 @@ def drive_worlds(machine, first, commands, ticks):
 
 
 @njit(inline="always")
-def _report(beliefs, tracks, begun, i):
+def _report(robots, beliefs, tracks, task, begun, i):
     """Let what the filter of world ``i`` says be heard: at once, or as many steps later as there
-    are older reports. ``begun``: it has never said anything else."""
+    are older reports. ``begun``: it has never said anything else. Beside each stands the truth that
+    it is judged by."""
     reports = tracks.reports[i]
     for age in range(len(reports) - 1, 0, -1):
-        for k in range(6):
+        for k in range(9):
             reports[age, k] = reports[age - 1, k]
     for k in range(3):
         reports[0, k] = beliefs.pose[i, k]
         reports[0, 3 + k] = beliefs.covariance[i, k, k]
+        reports[0, 6 + k] = robots.pose[i, k]
     if begun:
         for age in range(1, len(reports)):
-            for k in range(6):
+            for k in range(9):
                 reports[age, k] = reports[0, k]
+    if not task.judges_report:
+        for k in range(3):
+            reports[-1, 6 + k] = robots.pose[i, k]
     for k in range(3):
         tracks.variance[i, k] = reports[-1, 3 + k]
 
@@ -254,7 +262,7 @@ def _pay(robots, tracks, task, i):
     """Pay the step and see whether it ends the episode: collided, lost, arrived or timeout."""
     collided = robots.contact[i, 0] != 0
     tracks.reward[i, 0], lost, arrived = judge(
-        tracks.before[i], robots.pose[i], tracks.reports[i, -1, :3], tracks.variance[i],
+        tracks.before[i], robots.pose[i], tracks.reports[i, -1], tracks.variance[i],
         robots.goal[i], collided, task.limits, task.weights, tracks.parts[i], tracks.sums[i],
     )  # fmt: skip
     tracks.steps[i, 0] += 1
@@ -280,7 +288,7 @@ def judge_worlds(machine, first, worlds, begun):
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     views, task = Views(*machine[4]), Task(*machine[8])
     for i in range(max(first, 0), min(first + worlds, len(robots.pose))):
-        _report(beliefs, tracks, begun, i)
+        _report(robots, beliefs, tracks, task, begun, i)
         _observe(robots, people, tracks, views, task, begun, i)
         if not begun:
             _pay(robots, tracks, task, i)

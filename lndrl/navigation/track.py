@@ -18,7 +18,7 @@ class Track(NamedTuple):
     """One episode; with a leading world dimension on every array, many."""
 
     scan: NDArray[np.float32]  # (beams,) m, the last full one
-    before: Floats  # (2, 3) true and estimated pose before the step
+    before: Floats  # (3, 3) before the step: true pose, the one heard, the truth it is judged by
     variance: Floats  # (3,) of x, y (m^2), yaw (rad^2), as heard after the step
     reward: Floats  # (1,) of the last step
     parts: Floats  # (6,) its summands
@@ -26,7 +26,7 @@ class Track(NamedTuple):
     distance: Floats  # (1,) m along the true path
     steps: NDArray[np.int64]  # (1,)
     outcome: NDArray[np.int64]  # (1,) see above
-    reports: Floats  # (delay + 1, 6) pose and variances, newest first; the last is heard
+    reports: Floats  # (delay + 1, 9) pose, variances, truth; newest first, the last is heard
     path: Floats  # (steps_limit + 1, 2) true positions
     path_estimated: Floats  # (steps_limit + 1, 2)
 
@@ -38,7 +38,7 @@ def make_tracks(worlds: int, beams: int, steps_limit: int, delay: int = 0) -> Tr
     """
     return Track(
         scan=np.zeros((worlds, beams), np.float32),
-        before=np.zeros((worlds, 2, 3)),
+        before=np.zeros((worlds, 3, 3)),
         variance=np.zeros((worlds, 3)),
         reward=np.zeros((worlds, 1)),
         parts=np.zeros((worlds, 6)),
@@ -46,7 +46,7 @@ def make_tracks(worlds: int, beams: int, steps_limit: int, delay: int = 0) -> Tr
         distance=np.zeros((worlds, 1)),
         steps=np.zeros((worlds, 1), np.int64),
         outcome=np.zeros((worlds, 1), np.int64),
-        reports=np.zeros((worlds, delay + 1, 6)),
+        reports=np.zeros((worlds, delay + 1, 9)),
         path=np.zeros((worlds, steps_limit + 1, 2)),
         path_estimated=np.zeros((worlds, steps_limit + 1, 2)),
     )

@@ -14,7 +14,7 @@ from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import people as crowd_arrays
 from lndrl.world.contacts import HITS, Hit, contact
 from lndrl.world.laser import Fan, ScanScratch, make_fan, make_scan_scratch, noisy_scan
-from lndrl.world.odometry import move_robot
+from lndrl.world.odometry import draw_slip, move_robot
 from lndrl.world.orca_walls import Walls, build_walls
 from lndrl.world.pedestrians import advance_people, place_legs, wall_reach
 from lndrl.world.people import CrowdParameters, People, Surroundings, make_people
@@ -35,6 +35,7 @@ class Setting(NamedTuple):
     fan: Fan
     tick: float  # s
     odometry_deviation: float
+    odometry_per_reading: bool  # slip is drawn in every tick, not once per control step
     robot_radius: float  # m
     leg_radius: float  # m
 
@@ -55,6 +56,8 @@ def tick_inline(robot, people, setting, scratch):
     advance_people(
         people, robot.pose, robot.command, setting.surroundings, setting.crowd, scratch.crowd
     )
+    if setting.odometry_per_reading:
+        draw_slip(robot.slip, setting.odometry_deviation, robot.odometry_random)
     move_robot(robot.pose, robot.odometry, robot.command, robot.slip, setting.tick)
     robot.clock[0] += setting.tick
     robot.contact[0] = contact(
@@ -100,6 +103,7 @@ class WorldBatch:
             fan=make_fan(config.laser),
             tick=float(config.tick),
             odometry_deviation=float(config.odometry_deviation),
+            odometry_per_reading=config.odometry_draw == "reading",
             robot_radius=float(config.robot_radius),
             leg_radius=float(config.crowd.leg_radius),
         )

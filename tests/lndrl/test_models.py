@@ -9,7 +9,7 @@ import pytest
 from pydantic import Field
 
 from lndrl.errors import UserError
-from lndrl.models import LATER, Model, effective, load_yaml, validate
+from lndrl.models import LATER, Later, Model, effective, load_yaml, validate
 
 
 class Wheel(Model):
@@ -98,12 +98,14 @@ class Convoy(Model):
     trailers: list[Trailer] = Field(default_factory=list)
     named: dict[str, Trailer] = Field(default_factory=dict)
     speed: Annotated[float | None, LATER] = None
+    lane: Annotated[str, Later("left")] = "right"
 
 
 def test_a_later_key_at_its_default_is_no_part_of_what_is_hashed() -> None:
-    convoy = Convoy(trailers=[Trailer()], named={"last": Trailer(lamps=2)})
+    convoy = Convoy(trailers=[Trailer()], named={"last": Trailer(lamps=2)}, lane="left")
     assert effective(convoy) == {
         "trailers": [{"length": 1.0}],
         "named": {"last": {"length": 1.0, "lamps": 2}},
     }
     assert effective(Convoy(speed=1.5))["speed"] == 1.5
+    assert effective(Convoy())["lane"] == "right"  # a default that is new behaviour counts

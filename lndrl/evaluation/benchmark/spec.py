@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -20,6 +20,10 @@ from lndrl.planners import PlannerSource, is_rule, planner_source
 
 Localization = Literal["amcl", "perfect"]
 BENCHMARK = REPOSITORY_CONFIGS / "benchmark.yaml"
+KERNEL_REVISION = 1
+"""Of the numbers that the world, the filter and the task come to under one configuration. Raised by
+whoever changes them on purpose (tests hold stored episodes to it): what was measured before is then
+another bench's, though no key says so."""
 _BASE = REPOSITORY_CONFIGS / "lndrl.yaml"
 
 
@@ -42,6 +46,9 @@ class BenchmarkSpec(Model):
     seed: Annotated[int, Field(ge=0)] = Field(0, description="of the episodes, alike for all")
     set: list[str] = Field(
         default_factory=list, description="key=value, as --set of lndrl train, in all scenarios"
+    )
+    kernel_revision: Annotated[int, Field(ge=1)] = Field(
+        1, description="of the program's numbers that the frozen hashes are of (docs/bench.md)"
     )
     frozen: dict[str, str] = Field(
         default_factory=dict, description="scenario to the hash that it must have"
@@ -179,7 +186,7 @@ def bench_config(
     """
     base = load_config(_BASE, [f"scenario={scenario}", *changes])
     config = contender.source.config or base
-    limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit")
+    limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit", "judged_moment")
     return config.model_copy(
         update={
             "seed": seed,
@@ -194,18 +201,23 @@ def bench_config(
 
 
 def bench_hash(config: RunConfig) -> str:
-    """Twelve hex digits that change when the bench changes in ``config``'s scenario.
+    """Twelve hex digits that change when the bench behaves otherwise in ``config``'s scenario.
 
     Whatever it is that changes: the scenario, the world's defaults, the filter's, the task's
-    limits. The localization's kind is left out: it is a property of the method.
+    limits, the numbers that the kernels come to. Later keys count where they change something (see
+    ``effective``). The localization's kind is left out: it is a property of the method.
     """
     task = config.task
-    parts = {
+    parts: dict[str, Any] = {
         "scenario": effective(config.scenario),
         "world": effective(config.world),
         "localization": {k: v for k, v in effective(config.localization).items() if k != "kind"},
         "task": [task.arrive_distance, task.lost_distance, task.lost_angle, task.time_limit],
     }
+    if config.localization.delay and task.judged_moment != "present":
+        parts["judged_moment"] = task.judged_moment
+    if KERNEL_REVISION != 1:
+        parts["kernel_revision"] = KERNEL_REVISION
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
 
 
@@ -214,6 +226,12 @@ def check_frozen(spec: BenchmarkSpec, hashes: Mapping[str, str]) -> None:
 
     Raises UserError: its results would stand in one table with those of another place.
     """
+    if spec.kernel_revision != KERNEL_REVISION:
+        raise UserError(
+            f"the bench was frozen at kernel_revision {spec.kernel_revision}, this program's is "
+            f"{KERNEL_REVISION}; use the program that it was frozen with, or freeze the new hashes "
+            "and test every method anew"
+        )
     for scenario, found in hashes.items():
         frozen = spec.frozen.get(scenario, found)
         if frozen != found:

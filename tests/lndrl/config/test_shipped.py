@@ -34,7 +34,7 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ),
         ("scenario", {"hybrid", "sparse", "corridor", "hall", "irregular", "random", "office"}),
         ("sweep", {"ppo", "later", "smoke"}),
-        ("bench", {"benchmark"}),
+        ("bench", {"benchmark", "benchmark-v1"}),
         ("calibration", {"calibration"}),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,11 +68,12 @@ def run_resample(made, count, chance=0.0):
     ],
 )
 def test_kld_limits_match_the_published_table(err, z, expected):
-    config = LocalizationConfig(kld_err=err, kld_z=z, min_particles=1, max_particles=9000)
+    least: dict[str, Any] = {"min_particles": 1, "max_particles": 9000, "kld_one_bin": "min"}
+    config = LocalizationConfig(kld_err=err, kld_z=z, **least)
     limits = kld_limits(config)
     if z == 2.326:
         probability = LocalizationConfig(
-            kld_err=err, kld_z=0.99, kld_z_is_probability=True, min_particles=1, max_particles=9000
+            kld_err=err, kld_z=0.99, kld_z_is_probability=True, **least
         )
         assert np.abs(kld_limits(probability) - limits).max() <= 1
     one = 10.0 * (0.05 / err) * (1 - 2 / 9 + math.sqrt(2 / 9) * z) ** 3
@@ -80,8 +82,10 @@ def test_kld_limits_match_the_published_table(err, z, expected):
 
 
 def test_kld_limits_of_the_paper():
-    limits = kld_limits(LocalizationConfig())
+    assert (kld_limits(LocalizationConfig())[:2] == 2000).all()  # ROS: one bin asks for all
+    limits = kld_limits(LocalizationConfig(kld_one_bin="min"))
     assert (limits[:43] == 500).all() and limits[0] == limits[1] == 500
+    assert (kld_limits(LocalizationConfig())[2:] == limits[2:]).all()
     assert limits[150] == 1661
     assert limits[180] < 2000 and (limits[184:] == 2000).all()
     assert (np.diff(limits) >= 0).all()
@@ -134,11 +138,22 @@ def test_resample_stops_one_past_the_bound_and_counts_bins():
         assert np.isin(new[0], made.source[0]).all()
 
 
-def test_one_bin_asks_for_the_minimum():
-    made = setting(spread=1e-4)
+@pytest.mark.parametrize(("asked", "drawn"), [("max", 4000), ("min", 501)])
+def test_one_bin_asks_for_what_it_is_told_to(asked, drawn):
+    made = setting(spread=1e-4, kld_one_bin=asked)
     made.source[:2] = 5.1
     bin_keys(made.source, 4000, made.bins, made.scratch.keys)
-    assert run_resample(made, 4000) == (501, 1)
+    assert run_resample(made, 4000) == (drawn, 1)
+
+
+def test_the_second_bin_ends_what_the_first_asked_for():
+    made = setting(spread=1e-4, kld_one_bin="max")
+    made.source[:2] = 5.1
+    made.source[0, :4] = 6.1  # a thousandth of the mass lies in another bin
+    bin_keys(made.source, 4000, made.bins, made.scratch.keys)
+    count, k = run_resample(made, 4000)
+    first_other = int(np.argmax(made.target[0, :count] > 5.6)) if k == 2 else count
+    assert count == (max(501, first_other + 1) if k == 2 else 4000)
 
 
 def test_injection_is_uniform_over_free_cells_and_headings():

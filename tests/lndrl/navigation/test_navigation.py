@@ -334,13 +334,17 @@ def test_three_scans_are_those_of_three_steps_and_nothing_else_changes() -> None
     assert len(np.unique(three.observation.scan.reshape(3, beams), axis=0)) == 1
 
 
-def test_a_delayed_estimate_is_heard_steps_later_and_nothing_else_changes() -> None:
+@pytest.mark.parametrize("moment", ["report", "present"])
+def test_a_delayed_estimate_is_heard_steps_later_and_nothing_else_changes(moment: str) -> None:
     commands = [(0.4, 0.3), (0.2, -0.9), (0.0, 0.0), (0.2, 0.9), (0.4, 0.0), (0.6, -0.3)]
     prompt = started(episode=2)
-    late = started(LATE, episode=2)
+    task = LATE.task.model_copy(update={"judged_moment": moment})
+    late = started(LATE.model_copy(update={"task": task}), episode=2)
     said = [(prompt.localization.pose_estimated.copy(), prompt.localization.variance.copy())]
+    truths = [prompt.world.pose_true.copy()]
     for step, (v, w) in enumerate(commands, 1):
         prompt.step(v, w)
+        truths.append(prompt.world.pose_true.copy())
         transition = late.step(v, w)
         belief = prompt.localization
         said.append((belief.pose_estimated.copy(), belief.variance.copy()))
@@ -352,8 +356,56 @@ def test_a_delayed_estimate_is_heard_steps_later_and_nothing_else_changes() -> N
         np.testing.assert_array_equal(late.observation.goal, seen)
         np.testing.assert_array_equal(late.track.path_estimated[step], pose[:2])
         before = said[max(0, step - 3)][0]
-        grown = pose_error(truth, pose) - pose_error(late.track.before[0], before)
+        age = 2 if moment == "report" else 0  # whether the truth is as old as what is heard
+        judged, judged_before = truths[max(0, step - age)], truths[max(0, step - 1 - age)]
+        grown = pose_error(judged, pose) - pose_error(judged_before, before)
         assert transition.parts[1] == pytest.approx(-400.0 * grown, abs=1e-9)
+
+
+def test_turning_costs_nothing_because_it_is_heard_late() -> None:
+    """Paid for the present truth, whoever turns loses 144 a step: such a policy learns to stand."""
+    paid = {}
+    for moment in ("report", "present"):
+        exact = {"initial_deviation_xy": 0.0, "initial_deviation_yaw": 0.0, "delay": 1}
+        config = made_config(
+            localization=exact,
+            world={"odometry_deviation": 0.0},
+            task={"judged_moment": moment, "lost_angle": 0.3},
+        )
+        navigation = started(config)
+        navigation.world.people.count[0] = 0
+        transition = navigation.step(0.0, 0.9)
+        paid[moment] = transition.parts[1]
+        assert (navigation.outcome == "lost") == (moment == "present")
+    assert paid["present"] == pytest.approx(-400.0 * 0.36, abs=4.0)
+    assert abs(paid["report"]) < 4.0
+
+
+@pytest.mark.parametrize("ticks", [[2, 4], [1, 4], [1, 2, 4], [4]])
+def test_the_filter_hears_the_ticks_that_it_is_told_to(ticks: list[int]) -> None:
+    """The slow twin of the few: the filter is called after those ticks alone."""
+    config = made_config(localization={"update_ticks": ticks})
+    navigation = started(config, episode=2)
+    place, field = SURROUNDINGS
+    world = World(place, config.world)
+    filter_ = localization.AMCL(field, config.localization, config.world.laser)
+    bearings = beam_bearings(config.world.laser)[::12].astype(np.float32)
+    states = episode_states(config.seed, 0, 2)
+    world.reset(config.seed, 0, 2)
+    filter_.reset(world.start_pose, states[Stream.LOCALIZATION])
+    filter_.update(world.pose_odometry, world.scan()[::12], bearings)
+    for v, w in [(0.4, 0.3), (0.2, -0.9), (0.2, 0.9), (0.4, 0.0)]:
+        navigation.step(v, w)
+        world.begin_step(v, w)
+        for tick in range(1, 5):
+            world.tick()
+            if tick == 4:
+                filter_.update(world.pose_odometry, world.scan()[::12], bearings)
+            elif tick in ticks:
+                filter_.update(world.pose_odometry, world.scan_sparse(12), bearings)
+        np.testing.assert_array_equal(navigation.world.pose_true, world.pose_true)
+        np.testing.assert_array_equal(navigation.localization.particles, filter_.particles)
+        np.testing.assert_array_equal(navigation.localization.covariance, filter_.covariance)
 
 
 def test_the_truth_is_never_late() -> None:

@@ -19,8 +19,10 @@ def parts(
     true_before, estimated_before, true, estimated, variance=(0.0, 0.0, 0.0), ends=(False,) * 3
 ) -> dict[str, float]:
     out = np.zeros(6)
-    arrays = [np.array(p, np.float64) for p in (true_before, estimated_before, true, estimated)]
-    reward.reward_parts(*arrays, np.array(variance, np.float64), GOAL, *ends, WEIGHTS, out)
+    before = np.array([true_before, estimated_before, true_before], np.float64)
+    report = np.array([*estimated, *variance, *true], np.float64)
+    here, variances = np.array(true, np.float64), np.array(variance, np.float64)
+    reward.reward_parts(before, here, report, variances, GOAL, *ends, WEIGHTS, out)
     return dict(zip(reward.REWARD_PARTS, out.tolist(), strict=True))
 
 
@@ -65,6 +67,24 @@ def test_ends_pay_independently_and_every_step_costs() -> None:
     assert parts(here, here, here, here, ends=(False, True, False))["collide"] == -800.0
     assert parts(here, here, here, here, ends=(False, False, True))["lost"] == -500.0
     assert parts(here, here, here, here, ends=(True, True, True))["step"] == -5.0
+
+
+def test_a_report_is_judged_by_the_truth_beside_it_and_measured_by_the_present_one() -> None:
+    before = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    report = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    now = np.array([2.5, 0.0, 1.0])
+    parts, sums = np.zeros(6), np.zeros(9)
+    limits = (2.0, 0.785, 0.5)
+    _, lost, _ = reward.judge(
+        before, now, report, np.zeros(3), GOAL, False, limits, WEIGHTS, parts, sums
+    )
+    assert not lost  # though 2.2 m and 1 rad lie between what is heard and where it is
+    assert parts[1] == pytest.approx(-400.0 * 0.1)
+    assert sums[6:8] == pytest.approx([2.2, 1.0])
+    report[0] = 2.2
+    assert reward.judge(
+        before, now, report, np.zeros(3), GOAL, False, limits, WEIGHTS, parts, sums
+    )[1]
 
 
 def test_thresholds() -> None:
