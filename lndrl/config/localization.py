@@ -77,8 +77,8 @@ class LocalizationConfig(Model):
     )
     kld_one_bin: Annotated[Literal["max", "min"], Later("min")] = Field(
         "max",
-        description="particles asked for while all lie in one bin: max_particles, as ROS has it, or "
-        "min_particles, which costs less and keeps the count, and with it the recovery, calm",
+        description="particles asked for while all lie in one bin: max_particles, as ROS has it, "
+        "or min_particles, which costs less and keeps the count, so the recovery, calm",
     )
     odom_model_type: Literal["diff", "diff-corrected"] = Field(
         "diff", description="diff uses variances as deviations, like ROS; diff-corrected does not"

@@ -81,8 +81,8 @@ class RunConfig(Model):
         ticks, last = self.localization.update_ticks, self.world.ticks_per_step
         if ticks is not None and ticks[-1] != last:
             raise ValueError(
-                f"localization.update_ticks {ticks} must end with {last}, the last tick of a control "
-                "step (world.ticks_per_step): what the robot hears then describes the step's end"
+                f"localization.update_ticks {ticks} must end with {last}, the last tick of a step "
+                "(world.ticks_per_step): what the robot hears then describes the step's end"
             )
         return self
 

@@ -78,9 +78,10 @@ def reward_parts(
 ):
     """Write the six parts of one transition to ``out`` (6,), in the order of ``REWARD_PARTS``.
 
-    ``before`` (3, 3), ``report`` (9,) as in ``judge``. ``variance`` (3,) are the unclipped variances after the transition; ``arrived``,
-    ``collided``, ``lost`` are booleans; ``weights`` (6,) come from ``reward_weights``. Approach
-    uses true positions, so a wrong belief earns nothing by itself.
+    ``before`` (3, 3) and ``report`` (9,) as in ``judge``; ``variance`` (3,) are the unclipped
+    variances after the transition; ``arrived``, ``collided``, ``lost`` are booleans; ``weights``
+    (6,) come from ``reward_weights``. Approach uses true positions, so a wrong belief earns nothing
+    by itself.
     """
     approached = goal_distance(before[0], goal) - goal_distance(pose_true, goal)
     error_before = pose_error(before[2], before[1])
@@ -100,9 +101,9 @@ def judge(before, pose_true, report, variance, goal, collided, limits, weights, 
     ``report`` (9,) is what is heard of the filter after the step: its pose, its variances, and the
     true pose that it is judged by. ``before`` (3, 3) are, before the step, the true pose, the pose
     that was heard and the true pose that it was judged by; ``limits`` the tuple (lost_distance,
-    lost_angle, arrive_distance). Writes ``parts`` (6,) and adds to ``sums`` (9,) the parts, position
-    error, angle error and the variances' sum; the errors are those of what is heard against where
-    the robot is.
+    lost_angle, arrive_distance). Writes ``parts`` (6,) and adds to ``sums`` (9,) the parts, the
+    position and angle errors and the variances' sum; the errors are those of what is heard against
+    where the robot is.
     """
     pose_estimated = report[:3]
     lost = is_lost(report[6:], pose_estimated, limits[0], limits[1])

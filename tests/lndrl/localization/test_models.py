@@ -82,18 +82,22 @@ def test_headings_wrap_at_the_cut(place, drives):
         return west.min() < math.pi < west.max() and (np.abs(drive.truth[:, 2]) > 3.04).any()
 
     drive = next(filter(crosses, drives))
-    for settings in (BEST, config()):
+    for settings in (BEST, config(kld_one_bin="min")):
         outcome = replay([drive], place.grid, settings, LASER, seeds=2)
         assert outcome.yaw_error.max() < 0.15
 
 
 def test_square_roots_and_true_edges_matter(place, drives):
-    paper = replay(drives, place.grid, config(), LASER, seeds=1)
-    roots = {"odom_model_type": "diff-corrected"}
+    calm = {"kld_one_bin": "min"}
+    ros = replay(drives, place.grid, config(), LASER, seeds=1)
+    paper = replay(drives, place.grid, config(**calm), LASER, seeds=1)
+    roots = {"odom_model_type": "diff-corrected", **calm}
     inside = replay(drives, place.grid, config(**roots), LASER, seeds=1)
     rim = replay(drives, place.grid, config(**roots, laser_field="boundaries"), LASER, seeds=3)
     edge = replay(drives, place.grid, config(**roots, laser_field="surfaces"), LASER, seeds=3)
     assert paper.position_rmse.mean() == pytest.approx(0.08, rel=0.35)
+    # While one bin asks for the maximum the count flips and sets off the recovery: 0.19 measured.
+    assert ros.position_rmse.mean() > 1.3 * paper.position_rmse.mean()
     assert edge.position_rmse.mean() < 0.95 * rim.position_rmse.mean()
     assert rim.position_rmse.mean() < 0.5 * inside.position_rmse.mean()
     assert rim.position_rmse.mean() < 0.07  # 0.051 here, 0.038 on other drives of the kind

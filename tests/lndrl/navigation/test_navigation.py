@@ -350,7 +350,6 @@ def test_a_delayed_estimate_is_heard_steps_later_and_nothing_else_changes(moment
         said.append((belief.pose_estimated.copy(), belief.variance.copy()))
         np.testing.assert_array_equal(late.localization.pose_estimated, said[step][0])
         pose, variance = said[max(0, step - 2)]
-        truth = late.world.pose_true
         seen = np.zeros(6, np.float32)
         goal_vector(pose, variance, late.world.goal, late.world.start_pose[2], 10.0, seen)
         np.testing.assert_array_equal(late.observation.goal, seen)
