@@ -11,19 +11,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from rich.table import Table
 
 from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.evaluation.benchmark.figures import Row
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.evaluation.benchmark.spec import Contender
-from lndrl.models import Model, load_yaml, validate
+from lndrl.models import Count, Model, load_yaml, validate
 from lndrl.planners import PlannerSource
 from lndrl.planners.dwa import DWAConfig
 
 CALIBRATION = REPOSITORY_CONFIGS / "calibration.yaml"
 METHOD = "dwa"
+
+
+Reading = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
+"""A reading's name: a world's folder is made of them."""
 
 
 class BenchVariant(Model):
@@ -44,12 +48,51 @@ class BenchVariant(Model):
         return Contender(METHOD, PlannerSource(METHOD, parameters=self.dwa), "amcl")
 
 
+class Factor(Model):
+    """Something that the paper leaves open, and the readings of it."""
+
+    why: str = Field(min_length=1, description="one line: what is open, and by what source")
+    values: dict[Reading, list[str]] = Field(
+        min_length=1, description="readings by name: key=value, as --set of lndrl train"
+    )
+
+
+class SearchSpec(Model):
+    """``search`` of ``configs/calibration.yaml``: every combination of all factors' readings."""
+
+    rounds: list[Count] = Field(
+        [40, 160], min_length=1, description="episodes per scenario in each round, ascending"
+    )
+    judged: Count = Field(500, description="episodes per scenario of those that are left")
+    seed: Annotated[int, Field(ge=0)] = Field(2000, description="of the rounds' episodes")
+    judge_seed: Annotated[int, Field(ge=0)] = Field(
+        2001, description="of the episodes that are judged, in no round"
+    )
+    planners: dict[str, str] = Field(
+        default_factory=dict,
+        description="planners that the worlds are judged with beside DWA, by the hash of what they "
+        "do, which must not change any more",
+    )
+    factors: dict[str, Factor] = Field(min_length=1, description="what is open, by name")
+
+    @model_validator(mode="after")
+    def _told_apart(self) -> SearchSpec:
+        if self.seed == self.judge_seed:
+            raise ValueError("judge_seed must differ from seed: what is judged was in no round")
+        names = [value for factor in self.factors.values() for value in factor.values]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"readings need names of their own; twice: {', '.join(twice)}")
+        return self
+
+
 class CalibrationSpec(Model):
     """``configs/calibration.yaml``."""
 
     scenarios: list[str] = Field(min_length=1, description="places to test in, by name or file")
     seed: Annotated[int, Field(ge=0)] = Field(0, description="of the episodes, alike for all")
     variants: dict[str, BenchVariant] = Field(min_length=1, description="benches by name")
+    search: SearchSpec | None = Field(None, description="readings of all that is open, combined")
 
 
 @dataclass(frozen=True)
