@@ -24,6 +24,10 @@ from lndrl.navigation.families import Family
 from lndrl.version import VERSION
 
 
+_PLACES = 8
+"""Places that a worker keeps: the bench's five and some more, some megabytes each."""
+
+
 @dataclass(frozen=True)
 class Task:
     """Episodes to run side by side in one cell; ``cell`` indexes the plan's cells."""
@@ -39,6 +43,7 @@ class Cell:
     contender: Contender
     scenario: str
     config: RunConfig
+    family: Family = Family.BENCH
 
     @property
     def depends_on_company(self) -> bool:
@@ -67,13 +72,14 @@ class Plan:
         family: Family = Family.BENCH,
         version: int = 1,
     ) -> None:
-        self.folder, self.episodes, self.family = folder, episodes, family
+        self.folder, self.episodes = folder, episodes
         changes = changes or {}
         self.cells = [
             Cell(
                 contender,
                 scenario,
                 bench_config(contender, scenario, seed, changes.get(scenario, ())),
+                family,
             )
             for contender in methods
             for scenario in scenarios
@@ -115,16 +121,31 @@ class Plan:
         ``progress`` hears of every episode when it has been written. Raises UserError when a
         worker dies. Whatever has been written is kept; Ctrl-C leaves no process.
         """
-        tasks = self.missing()
-        work = (tuple(self.cells), self.family)
-        results = run_tasks(_make_work, work, tasks, min(workers, len(tasks)))
-        with closing(results):
-            for number, records in results:
-                cell = self.cells[number]
-                self.folder.add(cell.contender.name, cell.scenario, *records)
-                for record in records if progress is not None else ():
-                    progress(cell, record)
-        self.missing()  # the order of a file's rows then does not tell who was faster
+        run_plans([self], workers, progress)
+
+
+def run_plans(
+    plans: Sequence[Plan],
+    workers: int,
+    progress: Callable[[Cell, EpisodeRecord], None] | None = None,
+) -> None:
+    """``Plan.run`` of several plans by the same workers, one plan after the other."""
+    cells = [(plan, cell) for plan in plans for cell in plan.cells]
+    tasks: list[Task] = []
+    first = 0
+    for plan in plans:
+        tasks += [Task(first + task.cell, task.episodes) for task in plan.missing()]
+        first += len(plan.cells)
+    work = (tuple(cell for _, cell in cells),)
+    results = run_tasks(_make_work, work, tasks, min(workers, len(tasks)))
+    with closing(results):
+        for number, records in results:
+            plan, cell = cells[number]
+            plan.folder.add(cell.contender.name, cell.scenario, *records)
+            for record in records if progress is not None else ():
+                progress(cell, record)
+    for plan in plans:
+        plan.missing()  # the order of a file's rows then does not tell who was faster
 
 
 def _whole_blocks(records: Mapping[int, EpisodeRecord]) -> dict[int, EpisodeRecord]:
@@ -146,11 +167,11 @@ def describe(contender: Contender) -> dict[str, str]:
 
 
 class _Bench:
-    """A worker: keeps the runner of the cell at hand, because tasks come cell by cell, and every
-    place that it has built, because the next method is tested there, too."""
+    """A worker: keeps the runner of the cell at hand, because tasks come cell by cell, and the
+    places that it has built last, because the next method is tested there, too."""
 
-    def __init__(self, cells: tuple[Cell, ...], family: Family) -> None:
-        self._cells, self._family = cells, family
+    def __init__(self, cells: tuple[Cell, ...]) -> None:
+        self._cells = cells
         self._number = -1
         self._runner: EpisodeRunner | None = None
         self._places: dict[tuple[str, str], Surroundings] = {}
@@ -162,7 +183,7 @@ class _Bench:
                 cell.contender.source,
                 cell.config,
                 cell.contender.greedy,
-                self._family,
+                cell.family,
                 self._surroundings(cell),
             )
             self._number = task.cell
@@ -177,14 +198,16 @@ class _Bench:
         # One bench hash, one world: whoever is tested there hears and touches the same.
         key = cell.scenario, bench_hash(cell.config)
         if key not in self._places:
+            while len(self._places) >= _PLACES:
+                del self._places[next(iter(self._places))]
             self._places[key] = build_surroundings(cell.config)
         return self._places[key]
 
 
-def _make_work(cells: tuple[Cell, ...], family: Family) -> Work:
+def _make_work(cells: tuple[Cell, ...]) -> Work:
     if any(cell.depends_on_company for cell in cells):
         import torch
 
         # Workers share the cores by being many, and sums rounded alike need as many threads.
         torch.set_num_threads(1)
-    return _Bench(cells, family)
+    return _Bench(cells)
