@@ -1,5 +1,6 @@
 """Anything that turns an observation into a velocity: the learned policy, and rules."""
 
+from lndrl.planners.behaviour import behaviour_hash
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import (
     PlannerSource,
@@ -23,6 +24,7 @@ __all__ = [
     "PredictivePlanner",
     "RandomPlanner",
     "StraightPlanner",
+    "behaviour_hash",
     "episode_generator",
     "is_own_planner",
     "is_rule",

@@ -33,7 +33,9 @@ class PredictiveConfig(Model):
     person_weight: NonNegative = Field(8.0, description="of a person at the robot's edge")
     person_reach: Positive = Field(0.5, description="m from a person at which the price is 0")
     person_radius: NonNegative = Field(0.2, description="m of a person; legs reach as far (GROUP)")
-    wall_margin: NonNegative = Field(0.05, description="m of clearance below which a wall is touched")
+    wall_margin: NonNegative = Field(
+        0.05, description="m of clearance below which a wall is touched"
+    )
     person_margin: NonNegative = Field(0.1, description="m of clearance below which a person is")
     touch_weight: NonNegative = Field(200.0, description="of what would be touched at once")
     touch_fade: Seconds = Field(1.0, description="s in which the price of touching falls by e")

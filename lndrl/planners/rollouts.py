@@ -194,7 +194,9 @@ def goal_costs(rollouts, prices, goal, i, base, ends):
     horizon = times[-1]
     farthest = prices.arrive
     for j in range(base.shape[0]):
-        farthest = max(farthest, prices.arrive + math.hypot(rollouts.end[i, j, 0], rollouts.end[i, j, 1]))
+        farthest = max(
+            farthest, prices.arrive + math.hypot(rollouts.end[i, j, 0], rollouts.end[i, j, 1])
+        )
     near = goal[0] * goal[0] + goal[1] * goal[1] < farthest * farthest
     before = rollouts.first.shape[1]
     if near:

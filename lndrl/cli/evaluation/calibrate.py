@@ -48,6 +48,14 @@ def calibrate(
         int | None,
         typer.Option(min=0, metavar="W", help="Processes; default: one per core; 0: none."),
     ] = None,
+    search: Annotated[
+        bool,
+        typer.Option(
+            "--search",
+            help="Combine all readings of the file's search, drop what is excluded, judge the rest"
+            " (hours of two cores).",
+        ),
+    ] = False,
     trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="The rows as JSON.")] = False,
 ) -> None:
@@ -60,6 +68,12 @@ def calibrate(
     from lndrl.evaluation.benchmark import ResultsFolder, choose, load_calibration
 
     spec = load_calibration(find("calibration", file or DEFAULTS["calibration"]))
+    if search:
+        from lndrl.cli.evaluation.calibrate_search import search_worlds
+
+        count = usable_cores() if workers is None else workers
+        search_worlds(spec, RESULTS / name / "search", table, count, json)
+        return
     asked = None if variants is None else [v.strip() for v in variants.split(",") if v.strip()]
     chosen = choose(list(spec.variants), asked, "variant")
     if not table:

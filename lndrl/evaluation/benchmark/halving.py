@@ -59,9 +59,7 @@ class Search:
     ) -> Plan:
         changes = {s: [*self.bench.set, *world.set] for s in self.spec.scenarios}
         folder = ResultsFolder(self.path / below / world.name)
-        return Plan(
-            folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION
-        )
+        return Plan(folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION)
 
     def survivors(self, worlds: Sequence[World], episodes: int) -> list[World]:
         """Those of ``worlds`` that nothing excludes after ``episodes`` in each scenario."""

@@ -142,8 +142,9 @@ def run_plans(
         for number, records in results:
             plan, cell = cells[number]
             plan.folder.add(cell.contender.name, cell.scenario, *records)
-            for record in records if progress is not None else ():
-                progress(cell, record)
+            if progress is not None:
+                for record in records:
+                    progress(cell, record)
     for plan in plans:
         plan.missing()  # the order of a file's rows then does not tell who was faster
 

@@ -26,7 +26,10 @@ def test_a_ratio_divides_hazards_not_counts() -> None:
     value, (low, high) = hazard_ratio(Hazard(10, 1000), Hazard(20, 4000))
     assert value == pytest.approx(2.0) and 0 < low < 2.0 < high
     assert hazard_ratio(Hazard(3, 100), Hazard(0, 100))[0] is None
-    assert hazard_ratio(Hazard(0, 100), Hazard(5, 100)) == (0.0, pytest.approx((0.0, 1.09), abs=0.01))
+    assert hazard_ratio(Hazard(0, 100), Hazard(5, 100)) == (
+        0.0,
+        pytest.approx((0.0, 1.09), abs=0.01),
+    )
 
 
 def test_the_ratios_interval_holds_what_it_promises() -> None:
