@@ -30,17 +30,22 @@ Reading = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
 """A reading's name: a world's folder is made of them."""
 
 
-class BenchVariant(Model):
-    """One way the bench could be: ``set`` in all scenarios, ``only`` in one of them."""
+class Changes(Model):
+    """What would be another bench: ``set`` in all scenarios, ``only`` in one of them."""
 
-    why: str = Field(min_length=1, description="one line: what it would tell")
     set: list[str] = Field(default_factory=list, description="key=value, as --set of lndrl train")
     only: dict[str, list[str]] = Field(default_factory=dict, description="scenario to key=value")
-    dwa: DWAConfig | None = Field(None, description="other parameters of the planner")
 
     def changes(self, scenario: str) -> list[str]:
         """Of one scenario."""
         return [*self.set, *self.only.get(scenario, [])]
+
+
+class BenchVariant(Changes):
+    """One way the bench could be."""
+
+    why: str = Field(min_length=1, description="one line: what it would tell")
+    dwa: DWAConfig | None = Field(None, description="other parameters of the planner")
 
     @property
     def contender(self) -> Contender:
@@ -52,14 +57,15 @@ class Factor(Model):
     """Something that the paper leaves open, and the readings of it."""
 
     why: str = Field(min_length=1, description="one line: what is open, and by what source")
-    values: dict[Reading, list[str]] = Field(
-        min_length=1, description="readings by name: key=value, as --set of lndrl train"
-    )
+    values: dict[Reading, Changes] = Field(min_length=1, description="readings by name")
 
 
 class SearchSpec(Model):
-    """``search`` of ``configs/calibration.yaml``: every combination of all factors' readings."""
+    """``search`` of ``configs/calibration.yaml``: combinations of all factors' readings."""
 
+    worlds: Count | None = Field(
+        None, description="how many combinations are drawn (by seed) where there are more; or all"
+    )
     rounds: list[Count] = Field(
         [40, 160], min_length=1, description="episodes per scenario in each round, ascending"
     )

@@ -1,6 +1,6 @@
 """Which of all readings of what the paper leaves open is the bench: criteria, and who is dropped.
 
-Every combination of the factors' values is a world. Successive halving (Jamieson and Talwalkar
+A combination of the factors' values is a world. Successive halving (Jamieson and Talwalkar
 2016, without its fixed share): few episodes for all, more for those that are left, and only what is
 excluded at two deviations is dropped. What is judged is judged once, on episodes that no round saw.
 
@@ -16,7 +16,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lndrl.evaluation.benchmark.calibration import METHOD, SearchSpec, Target, targets
+import numpy as np
+
+from lndrl.evaluation.benchmark.calibration import METHOD, Changes, SearchSpec, Target, targets
 from lndrl.evaluation.benchmark.figures import Row
 from lndrl.evaluation.hazard import Hazard, hazard_ratio
 from lndrl.evaluation.metrics import Metrics, Rate, Spread
@@ -37,10 +39,14 @@ _METRIC = {
 
 @dataclass(frozen=True)
 class World:
-    """One reading: a value of every factor, and what it sets (key=value)."""
+    """One reading of everything: a value of every factor, and what they change."""
 
     values: tuple[tuple[str, str], ...]
-    set: tuple[str, ...]
+    readings: tuple[Changes, ...] = ()
+
+    def changes(self, scenario: str) -> list[str]:
+        """Of one scenario, key=value."""
+        return [change for each in self.readings for change in each.changes(scenario)]
 
     @property
     def name(self) -> str:
@@ -49,18 +55,25 @@ class World:
 
 
 def worlds_of(spec: SearchSpec) -> list[World]:
-    """Every combination of the factors' values, in the order of the file."""
+    """Combinations of the factors' values in the order of the file: all, or ``spec.worlds`` of
+    them, drawn by ``spec.seed`` (Bergstra and Bengio 2012: with some factors that hardly matter,
+    that tells more than a coarser grid)."""
     choices = [
-        [(factor, value, settings) for value, settings in each.values.items()]
+        [(factor, value, changes) for value, changes in each.values.items()]
         for factor, each in spec.factors.items()
     ]
-    return [
+    worlds = [
         World(
             tuple((factor, value) for factor, value, _ in combination),
-            tuple(setting for _, _, settings in combination for setting in settings),
+            tuple(changes for _, _, changes in combination),
         )
         for combination in itertools.product(*choices)
     ]
+    if spec.worlds is None or spec.worlds >= len(worlds):
+        return worlds
+    random = np.random.Generator(np.random.PCG64(spec.seed))
+    chosen = random.choice(len(worlds), spec.worlds, replace=False)
+    return [worlds[i] for i in sorted(chosen.tolist())]
 
 
 def row_targets() -> list[Target]:
@@ -172,7 +185,7 @@ class Verdict:
         return {
             "world": self.world.name,
             "values": dict(self.world.values),
-            "set": list(self.world.set),
+            "changes": [each.model_dump(mode="json") for each in self.world.readings],
             "meets_row": not self.missed,
             "missed": self.missed,
             "matters": self.matters,

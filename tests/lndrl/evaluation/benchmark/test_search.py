@@ -32,8 +32,15 @@ from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import behaviour_hash
 
 FACTORS = {
-    "slip": {"why": "open", "values": {"firm": ["a=1"], "loose": ["a=2"]}},
-    "delay": {"why": "open", "values": {"prompt": ["b=0"], "late": ["b=1", "c=1"], "later": []}},
+    "slip": {"why": "open", "values": {"firm": {"set": ["a=1"]}, "loose": {"set": ["a=2"]}}},
+    "delay": {
+        "why": "open",
+        "values": {
+            "prompt": {"set": ["b=0"]},
+            "late": {"set": ["b=1"], "only": {"hall": ["c=1"]}},
+            "later": {},
+        },
+    },
 }
 
 
@@ -77,7 +84,19 @@ def test_every_combination_is_a_world() -> None:
     assert [world.name for world in worlds] == [
         "firm+prompt", "firm+late", "firm+later", "loose+prompt", "loose+late", "loose+later",
     ]  # fmt: skip
-    assert worlds[4].set == ("a=2", "b=1", "c=1")
+    assert worlds[4].changes("sparse") == ["a=2", "b=1"]
+    assert worlds[4].changes("hall") == ["a=2", "b=1", "c=1"]
+
+
+def test_some_of_many_are_drawn_and_always_the_same() -> None:
+    spec = made_spec(worlds=4)
+    assert spec.search is not None
+    names = [world.name for world in worlds_of(spec.search)]
+    assert len(set(names)) == 4 and names == [world.name for world in worlds_of(spec.search)]
+    other = made_spec(worlds=4, seed=8)
+    assert other.search is not None and names != [w.name for w in worlds_of(other.search)]
+    many = made_spec(worlds=100)
+    assert many.search is not None and len(worlds_of(many.search)) == 6
 
 
 @pytest.mark.parametrize(
@@ -85,7 +104,7 @@ def test_every_combination_is_a_world() -> None:
     [
         ({"seed": 5, "judge_seed": 5}, "judge_seed must differ from seed"),
         ({"factors": {"a": FACTORS["slip"], "b": FACTORS["slip"]}}, "twice: firm, loose"),
-        ({"factors": {"a": {"why": "x", "values": {"a/b": []}}}}, "a/b"),
+        ({"factors": {"a": {"why": "x", "values": {"a/b": {}}}}}, "a/b"),
     ],
 )
 def test_a_search_that_cannot_be_kept_apart_is_refused(
@@ -178,8 +197,8 @@ search:
     wheels:
       why: nobody says
       values:
-        firm: [world.odometry_deviation=0.0]
-        loose: [world.odometry_deviation=0.5]
+        firm: {set: [world.odometry_deviation=0.0]}
+        loose: {set: [world.odometry_deviation=0.5]}
 """
 
 
