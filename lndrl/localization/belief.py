@@ -177,7 +177,8 @@ def make_settings(config: LocalizationConfig, laser: LaserConfig) -> Settings:
             float(config.odom_alpha3),
             float(config.odom_alpha4),
         ),
-        range_max=float(config.max_range(laser.range_max)),
+        # Readings are single precision: one without an echo must not fall short of the limit.
+        range_max=float(np.float32(config.max_range(laser.range_max))),
         update_min_d=float(config.update_min_d),
         update_min_a=float(config.update_min_a),
         resample_interval=int(config.resample_interval),

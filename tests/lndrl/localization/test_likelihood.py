@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from lndrl.config import LocalizationConfig
+from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.errors import UserError
+from lndrl.localization.belief import make_settings
 from lndrl.localization.likelihood import (
     BEAMS_PER_PASS,
     LikelihoodMap,
@@ -143,3 +144,14 @@ def test_what_is_not_finite_lies_off_the_map_and_is_no_index(value: float) -> No
     likelihood_field(field.table.ravel(), rows, columns, cells, 50, beams, 2, index, likelihood)
     assert 0 <= index.min() <= index.max() < field.table.size
     assert (likelihood >= 1.0).all() and np.isfinite(likelihood).all()
+
+
+@pytest.mark.parametrize("farthest", [12.0, 5.6, 4.1, 25.4])
+def test_a_missed_echo_is_none_even_where_single_precision_rounds_it_down(farthest):
+    laser = LaserConfig(range_max=farthest)
+    settings = make_settings(LocalizationConfig(laser_max_range=-1), laser)
+    missed, nearer = np.float32(farthest), np.float32(farthest - 0.01)
+    ends = np.zeros((2, 2), np.float32)
+    readings = np.array([missed, nearer], np.float32)
+    assert beam_ends(readings, np.zeros(2, np.float32), settings.range_max, 0.05, ends) == (1, 0)
+    assert ends[0, 0] == pytest.approx(nearer / 0.05)
