@@ -42,6 +42,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "recovery_persistent": True,
         "recovery_tolerance": 5.0,
         "kld_one_bin": "min",
+        "update_at_start": False,
     },
     "perfect": {"kind": "perfect"},
 }
@@ -131,6 +132,11 @@ class LocalizationConfig(Model):
         0.01, description="m of odometry in x or y, else no update (LAUNCH)"
     )
     update_min_a: Angle = Field(0.001, description="rad of odometry, else no update (LAUNCH)")
+    update_at_start: Annotated[bool, Later(False)] = Field(
+        True,
+        description="weigh and resample by the first scan after a reset though nothing has moved "
+        "yet, as ROS does",
+    )
     update_ticks: Annotated[list[Count] | None, LATER] = Field(
         None,
         description="ticks of a control step after which the filter hears odometry and laser, from "

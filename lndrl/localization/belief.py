@@ -86,6 +86,7 @@ class Settings(NamedTuple):
     range_max: float
     update_min_d: float
     update_min_a: float
+    update_at_start: int  # 1: the first scan after a reset is weighed though nothing has moved
     resample_interval: int
     alpha_slow: float
     alpha_fast: float
@@ -181,6 +182,7 @@ def make_settings(config: LocalizationConfig, laser: LaserConfig) -> Settings:
         range_max=float(np.float32(config.max_range(laser.range_max))),
         update_min_d=float(config.update_min_d),
         update_min_a=float(config.update_min_a),
+        update_at_start=int(config.update_at_start),
         resample_interval=int(config.resample_interval),
         alpha_slow=float(config.recovery_alpha_slow),
         alpha_fast=float(config.recovery_alpha_fast),

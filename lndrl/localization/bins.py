@@ -1,7 +1,8 @@
 """Histogram of poses in a small hash table: counts KLD bins and carries the clusters' sums.
 
 A bin is a box of ``bin_size`` x ``bin_size`` x ``bin_angle``. Headings wrap: the last bin of the
-circle is the first one's neighbour (ROS's kd-tree cuts the circle at pi, navigation issue 27).
+circle is the first one's neighbour. ROS never wraps a heading, so its bins run on past pi and only
+random particles lie beyond the cut (navigation issue 27; docs/localization.md).
 """
 
 from __future__ import annotations

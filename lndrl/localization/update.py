@@ -121,6 +121,8 @@ def _gate(new, belief, settings):
     if not (dx < _FARTHEST_JUMP and dy < _FARTHEST_JUMP and abs(new[2]) < 1e6):
         belief.numbers[BAD_ODOMETRY] += 1
         return False
+    if settings.update_at_start != 0 and belief.numbers[UPDATES] == 0:
+        return True
     turn = abs(difference(new[2], old[2]))
     return dx > settings.update_min_d or dy > settings.update_min_d or turn > settings.update_min_a
 

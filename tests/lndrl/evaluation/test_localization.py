@@ -221,6 +221,17 @@ def test_replays_are_deterministic_and_independent_of_what_ran_before(
     assert not np.array_equal(one.whole(drive, 9).estimated, a.estimated)
 
 
+def test_a_filter_hears_the_ticks_that_its_setting_names(
+    empty: tuple[Place, RouteMap], drive: Drive
+) -> None:
+    place, _ = empty
+    settings = LocalizationConfig(update_ticks=[2, 4])
+    field = LikelihoodMap.build(place.grid, settings)
+    replayer = Replayer(field, settings, WorldConfig().laser, TaskConfig())
+    seconds = replayer.whole(drive, 0).seconds
+    assert (seconds[1::2] > 0.0).all() and not seconds[::2].any()
+
+
 def test_trouble_starts_three_metres_off(empty: tuple[Place, RouteMap], drive: Drive) -> None:
     filter = replayer(empty[0])
     for kind in ("told", "carried"):

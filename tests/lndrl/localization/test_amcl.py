@@ -139,6 +139,21 @@ def test_a_reused_filter_starts_afresh():
     assert np.array_equal(state, stream_state(5))
 
 
+def test_the_first_scan_counts_though_nothing_has_moved():
+    """As in ROS: one update without motion, then the gate is closed to a robot that stands."""
+    scan, still = brute_force_scan(START), np.zeros(3)
+    for told in (True, False):
+        amcl = started(config=LocalizationConfig(update_at_start=told, kld_one_bin="min"))
+        drawn = amcl.particles.copy()
+        assert amcl.update(still, scan, BEARINGS) == told
+        assert not amcl.update(still, scan, BEARINGS)
+        assert amcl.count == (501 if told else 2000)
+        assert np.isin(amcl.particles[:, 0], drawn[:, 0]).all()  # nothing moved
+        amcl.reset(START, stream_state(0))
+        assert amcl.update(still, scan, BEARINGS) == told
+        assert not amcl.update(np.array([math.nan, 0.0, 0.0]), scan, BEARINGS)
+
+
 def test_closed_gate_changes_nothing():
     amcl = started()
     _, odometry, scan = LOG[0]
