@@ -25,10 +25,9 @@ from lndrl.navigation import (
     final_indices,
 )
 from lndrl.navigation.batch import KERNELS
+from lndrl.navigation.families import first_world_of_actor
 from lndrl.policy import PolicyRunner
 from lndrl.randomness import Stream
-
-WORLDS_PER_ACTOR = 100_000  # world ids actor_index * this + i are distinct among all actors
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class Rollout:
         self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         surroundings = build_surroundings(config)
         self.environment = VectorNavigation(
-            config, actor_index * WORLDS_PER_ACTOR, self.worlds, first_episode, surroundings
+            config, first_world_of_actor(actor_index), self.worlds, first_episode, surroundings
         )
         # Compile every kernel now, on a world that nobody records.
         scratch = VectorNavigation(config, 0, 1, surroundings=surroundings)

@@ -1,6 +1,6 @@
 """The paper's nine metrics, the test bench that gathers them, and tables."""
 
-from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.metrics import Metrics, Rate, Spread, metrics_of
 from lndrl.evaluation.own_metrics import OwnMetric, add_metrics, own_metrics
 from lndrl.evaluation.result import EvaluationResult, load_result
@@ -10,7 +10,6 @@ from lndrl.evaluation.wilson import wilson_interval
 
 __all__ = [
     "BLOCK",
-    "TEST_WORLD",
     "EpisodeRunner",
     "EvaluationResult",
     "Metrics",

@@ -5,34 +5,42 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.localization import LikelihoodMap
 from lndrl.navigation import EpisodeRecord, Navigation, Observation, build_surroundings
+from lndrl.navigation.batch import NavigationBatch
+from lndrl.navigation.families import Family
 from lndrl.navigation.terms import without_terms
 from lndrl.planners import PlannerSource
+from lndrl.world import Place
 
-TEST_WORLD = 4_000_000_000
-"""World id of test episode 0, far above those of actors: no test episode is ever trained on."""
-
-
-def world_of_test(episode: int) -> int:
-    """World id of a test episode; every one has a world of its own, whoever drives in it."""
-    return TEST_WORLD + episode
+Surroundings = tuple[Place, LikelihoodMap]
 
 
 class EpisodeRunner:
     """A place and a planner, built once, for any number of test episodes.
 
-    Test episode k is drawn from (``config.seed``, TEST_WORLD + k) alone: every planner faces the
-    same starts, goals and crowds. Rewards are the compiled parts alone, whatever ``config`` adds in
-    training. Raises UserError for an impossible scenario and for weights that do not fit
-    ``config``.
+    Test episode k is drawn from (``config.seed``, ``family.world(k)``) alone: every planner faces
+    the same starts, goals and crowds. Rewards are the compiled parts alone, whatever ``config``
+    adds in training. ``surroundings`` are those of ``config`` where they are built already. Raises
+    UserError for an impossible scenario and for weights that do not fit ``config``.
     """
 
-    def __init__(self, source: PlannerSource, config: RunConfig, greedy: bool = False) -> None:
+    def __init__(
+        self,
+        source: PlannerSource,
+        config: RunConfig,
+        greedy: bool = False,
+        family: Family = Family.VALIDATION,
+        surroundings: Surroundings | None = None,
+    ) -> None:
         self.config = config = without_terms(config)
+        self.family = family
         self.planner = source.build(config, greedy)
-        self._place, self._field = build_surroundings(config)
+        self._place, self._field = surroundings or build_surroundings(config)
+        self._team: Team | None = None
 
     def __call__(
         self, episodes: Sequence[int], watch: Callable[[Navigation], None] | None = None
@@ -40,30 +48,68 @@ class EpisodeRunner:
         """Run ``episodes`` side by side; yields the record of each when it ends.
 
         ``watch`` is called for every world at its start and after each of its control steps.
+        Raises UserError for an episode that the family has not.
         """
-        observation = Observation.zeros_for(len(episodes), self.config)
-        worlds = [
-            Navigation(
-                self._place,
-                self._field,
-                self.config,
-                world_of_test(k),
-                observation.take((row, Ellipsis)),
-            )
-            for row, k in enumerate(episodes)
-        ]
-        for world in worlds:
-            world.reset(0)
-            if watch is not None:
-                watch(world)
-        self.planner.reset(self.config.seed, [world.world_id for world in worlds])
+        ids = [self.family.world(k) for k in episodes]
+        team = self._take_team(len(ids))
+        worlds = team.begin(ids)
+        for world in worlds if watch is not None else ():
+            watch(world)
+        self.planner.reset(self.config.seed, ids)
         running = np.arange(len(worlds))
         while len(running):
-            velocities = self.planner.act(observation.take(running), running)
-            for row, (v, w) in zip(running, velocities.tolist(), strict=True):
-                record = worlds[row].step(v, w).record
-                if watch is not None:
+            velocities = self.planner.act(team.observation.take(running), running)
+            team.step(running, velocities)
+            ended = [row for row in running.tolist() if worlds[row].outcome]
+            if watch is not None:
+                for row in running.tolist():
                     watch(worlds[row])
-                if record is not None:
-                    yield record
-            running = running[[not worlds[row].outcome for row in running]]
+            yield from [worlds[row].record() for row in ended]
+            running = np.setdiff1d(running, ended, assume_unique=True)
+        self._team = team
+
+    def _take_team(self, size: int) -> Team:
+        """Worlds for ``size`` episodes: those of the last call, unless it is still at work."""
+        team, self._team = self._team, None
+        if team is None or len(team.worlds) < size:
+            team = Team(self._place, self._field, self.config, size)
+        return team
+
+
+class Team:
+    """``size`` worlds of one place, to be used again: their memory takes longer than an episode's
+    start. ``observation`` (size,) is rewritten in place.
+    """
+
+    def __init__(self, place: Place, field: LikelihoodMap, config: RunConfig, size: int) -> None:
+        self.observation = Observation.zeros_for(size, config)
+        # In a random scenario every world has a place of its own, and so memory of its own.
+        self._batch: NavigationBatch | None = None
+        if config.scenario.kind != "random":
+            self._batch = NavigationBatch(place, field, config, size, self.observation)
+        rows = (self.observation.take((row, Ellipsis)) for row in range(size))
+        self.worlds = [
+            Navigation(place, field, config, 0, shown, self._batch, row)
+            for row, shown in enumerate(rows)
+        ]
+
+    def begin(self, ids: Sequence[int]) -> list[Navigation]:
+        """Start episode 0 of the worlds ``ids``, which are the first rows from now on."""
+        worlds = self.worlds[: len(ids)]
+        for world, world_id in zip(worlds, ids, strict=True):
+            world.world_id = world_id
+            world.reset(0)
+        return worlds
+
+    def step(self, rows: NDArray[np.int64], velocities: NDArray[np.float64]) -> None:
+        """One control step of ``rows`` (n,), ascending, with ``velocities`` (n, 2) m/s, rad/s."""
+        commands = np.ascontiguousarray(velocities, dtype=np.float64)
+        if self._batch is None:
+            for row, (v, w) in zip(rows.tolist(), commands.tolist(), strict=True):
+                self.worlds[row].step(v, w)
+            return
+        # Worlds side by side in memory go in one compiled call; who has ended leaves a gap.
+        for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
+            first = int(rows[run[0]])
+            self._batch.drive(commands[run[0] : run[-1] + 1], first)
+            self._batch.judge(first, len(run))

@@ -8,10 +8,11 @@ from typing import Literal
 
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, load_scenario
 from lndrl.errors import UserError
-from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.result import EvaluationResult
 from lndrl.navigation import EpisodeRecord
+from lndrl.navigation.families import Family
 from lndrl.planners import PlannerSource, planner_source
 from lndrl.version import VERSION
 
@@ -50,7 +51,7 @@ def evaluate(
     greedy: bool = False,
     progress: Callable[[EpisodeRecord], None] | None = None,
 ) -> EvaluationResult:
-    """Run test episodes 0 to ``episodes`` - 1 of ``seed`` and gather their records in order.
+    """Run validation episodes 0 to ``episodes`` - 1 of ``seed``; gathers their records in order.
 
     ``workers`` processes share the work, 0 keeps it in this one; the result is the same.
     ``progress`` gets each record as its episode ends, in any order. Ctrl-C leaves no process.
@@ -73,7 +74,7 @@ def evaluate(
             if progress is not None:
                 progress(record)
     records.sort(key=lambda record: record.world)
-    assert [record.world - TEST_WORLD for record in records] == list(range(episodes))
+    assert [Family.VALIDATION.episode(each.world) for each in records] == list(range(episodes))
     return result_of(source, config, greedy, records)
 
 
@@ -102,7 +103,7 @@ def _make_work(source: PlannerSource, config: RunConfig, greedy: bool) -> Work:
 
         # Workers share the cores by being many, and sums rounded alike need as many threads.
         torch.set_num_threads(1)
-    return EpisodeRunner(source, config, greedy)
+    return EpisodeRunner(source, config, greedy, Family.VALIDATION)
 
 
 @contextmanager

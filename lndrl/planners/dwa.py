@@ -63,6 +63,9 @@ class DWAPlanner:
         )
         self._radius = config.world.robot_radius
         p = self.parameters
+        self._window = (
+            p.linear_acceleration, p.angular_acceleration, p.linear_resolution, p.angular_resolution
+        )  # fmt: skip
         self._hardly_turning = p.angular_resolution + _STANDING
         self._steps = max(1, round(p.horizon / self._period))
         self._weights = (p.goal_weight, p.heading_weight, p.velocity_weight, p.obstacle_weight)
@@ -79,45 +82,77 @@ class DWAPlanner:
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``."""
-        ranges = observation.scan[:, self._used] * (self._range_max / SCAN_COUNTS)
-        goal = observation.goal[:, :2].astype(np.float64)
         chosen = np.empty((len(rows), 2))
-        for i, row in enumerate(rows):
-            # A beam that ends nowhere is no obstacle.
-            hit = ranges[i] < self._range_max * (1.0 - 1e-6)
-            points = self._directions[hit] * ranges[i][hit, None]
-            linear, angular = self._window(self._command[row])
-            best_velocity(
-                linear, angular, goal[i], points, self._period, self._steps, self._radius,
-                self._weights, self._limits[1], chosen[i],
-            )  # fmt: skip
-            v, w = chosen[i]
-            if np.isnan(v) or (v < _STANDING and abs(w) <= self._hardly_turning):
-                chosen[i] = self._escape(ranges[i])
+        best_velocities(
+            self._command[rows], observation.scan, observation.goal, self._used,
+            self._directions, self._range_max, self._window, self._limits, self._period,
+            self._steps, self._radius, self._weights, chosen,
+        )  # fmt: skip
+        v, w = chosen.T
+        stuck = np.isnan(v) | ((v < _STANDING) & (np.abs(w) <= self._hardly_turning))
+        for i in np.flatnonzero(stuck).tolist():
+            chosen[i] = self._escape(observation.scan[i, self._used])
         self._command[rows] = chosen
         return chosen
 
-    def _window(self, command: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Candidates v (V,) and w (W,) that can be reached within a period, ends included."""
-        p, (v_least, v_most, w_least, w_most) = self.parameters, self._limits
-        dv, dw = p.linear_acceleration * self._period, p.angular_acceleration * self._period
-        v, w = command
-        return (
-            _candidates(max(v_least, v - dv), min(v_most, v + dv), p.linear_resolution),
-            _candidates(max(w_least, w - dw), min(w_most, w + dw), p.angular_resolution),
-        )
-
-    def _escape(self, ranges: NDArray[np.float64]) -> tuple[float, float]:
+    def _escape(self, scan: NDArray[np.uint16]) -> tuple[float, float]:
         """Nothing leads on: turn on the spot, to the freer side, until something does."""
+        ranges = scan * (self._range_max / SCAN_COUNTS)
         half = len(ranges) // 2
         left = ranges[half:].mean() >= ranges[:half].mean()
         return 0.0, self._limits[3] if left else self._limits[2]
 
 
-def _candidates(least: float, most: float, resolution: float) -> NDArray[np.float64]:
-    """Evenly from ``least`` to ``most``, no further apart than ``resolution``."""
+@njit(cache=True, nogil=True)
+def candidates(least, most, resolution):
+    """Evenly from ``least`` to ``most`` (n,), both included, no further apart than
+    ``resolution``."""
     count = max(1, math.ceil((most - least) / resolution - 1e-9))
-    return np.linspace(least, most, count + 1)
+    apart = (most - least) / count
+    found = np.empty(count + 1)
+    for i in range(count):
+        found[i] = i * apart + least
+    found[count] = most
+    return found
+
+
+@njit(cache=True, nogil=True)
+def best_velocities(
+    commands, scan, goal, used, directions, range_max, window, limits, period, steps, radius,
+    weights, out,
+):  # fmt: skip
+    """``best_velocity`` of n robots out of what each can reach within a period.
+
+    ``commands`` (n, 2) m/s, rad/s are what they drive now, ``scan`` (n, beams) counts, of which
+    ``used`` (b,) numbers from the end count as obstacles, along ``directions`` (b, 2); ``goal``
+    (n, 2 or more) m in the robot frame, ``range_max`` m; ``window``: accelerations and resolutions,
+    linear first; ``limits`` least and most v, least and most w. Writes to ``out`` (n, 2).
+    """
+    linear_acceleration, angular_acceleration, linear_resolution, angular_resolution = window
+    v_least, v_most, w_least, w_most = limits
+    dv, dw = linear_acceleration * period, angular_acceleration * period
+    metres = range_max / SCAN_COUNTS
+    points = np.empty((used.shape[0], 2))
+    target = np.empty(2)
+    for i in range(min(commands.shape[0], scan.shape[0], goal.shape[0], out.shape[0])):
+        hits = 0
+        for k in range(min(used.shape[0], directions.shape[0])):
+            beam = scan.shape[1] + used[k]
+            if not 0 <= beam < scan.shape[1]:
+                continue
+            reach = scan[i, beam] * metres
+            # A beam that ends nowhere is no obstacle.
+            if reach < range_max * (1.0 - 1e-6):
+                points[hits, 0] = directions[k, 0] * reach
+                points[hits, 1] = directions[k, 1] * reach
+                hits += 1
+        v, w = commands[i]
+        target[0], target[1] = goal[i, 0], goal[i, 1]
+        best_velocity(
+            candidates(max(v_least, v - dv), min(v_most, v + dv), linear_resolution),
+            candidates(max(w_least, w - dw), min(w_most, w + dw), angular_resolution),
+            target, points[:hits], period, steps, radius, weights, v_most, out[i],
+        )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)

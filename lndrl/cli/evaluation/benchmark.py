@@ -15,10 +15,13 @@ from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.benchmark import Cell, Plan, ResultsFolder
+    from lndrl.evaluation.benchmark import BenchmarkSpec, Cell, Plan, ResultsFolder
     from lndrl.navigation import EpisodeRecord
 
 RESULTS = Path("results")
+NAME = "benchmark"
+EPISODES = 500
+"""Per method and scenario, as in the paper."""
 
 
 def benchmark(
@@ -33,11 +36,28 @@ def benchmark(
         int | None, typer.Option(metavar="N", help="Per method and scenario. [default: 500]")
     ] = None,
     name: Annotated[
-        str, typer.Option(metavar="NAME", help="Folder results/NAME; what is there is kept.")
-    ] = "benchmark",
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Folder results/NAME, else benchmark; what is there is kept.",
+            show_default=False,
+        ),
+    ] = None,
     table: Annotated[
-        bool, typer.Option("--table", help="Only show what is there; run nothing.")
+        bool,
+        typer.Option(
+            "--table",
+            help="Only show what is there, or what comes with the program; run nothing.",
+        ),
     ] = False,
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FOLDER", help="Show the results in FOLDER; run nothing."),
+    ] = None,
+    pack: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write what is there to FOLDER, compressed."),
+    ] = None,
     localization: Annotated[
         Literal["amcl", "perfect"] | None, typer.Option(help="For all methods; perfect: the truth.")
     ] = None,
@@ -56,15 +76,10 @@ def benchmark(
 
     Every method faces the same episodes. Stopped with Ctrl-C, the same command goes on.
     """
-    if episodes is not None and episodes < 1:
-        raise UserError(f"--episodes {episodes}: must be 1 or more")
-    if workers is not None and workers < 0:
-        raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    _check(episodes, workers, name, source)
     trust(trust_modules)
     from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import (
-        IDENTITY,
-        Identity,
         Plan,
         ResultsFolder,
         check_frozen,
@@ -75,24 +90,68 @@ def benchmark(
 
     file = find("bench", spec or DEFAULTS["bench"])
     bench = load_benchmark(file)
-    folder = ResultsFolder(RESULTS / name)
     places = choose(bench.scenarios, names_in(scenarios), "scenario")
-    if table:
-        wanted = names_in(methods)
-        chosen = None if wanted is None else choose(list(bench.methods), wanted, "method")
-        check_frozen(bench, Identity.read(folder.path / IDENTITY).scenarios)
-        _show(folder, chosen, None if scenarios is None else places, episodes, json)
+    chosen = names_in(methods)
+    if chosen is not None:
+        chosen = choose(list(bench.methods), chosen, "method")
+    count = episodes or EPISODES
+    folder = ResultsFolder(source or RESULTS / (name or NAME))
+    if table or source or pack:
+        shown = places if scenarios is not None else None
+        if pack is not None:
+            _pack(bench, folder, pack, count, chosen, shown)
+            return
+        if name is None and source is None:
+            folder = _there(bench, file, folder)
+        _show(bench, folder, chosen, shown, episodes, json)
         return
-    found, missing = contenders(bench, names_in(methods), localization, greedy, file.parent)
+    found, missing = contenders(bench, chosen, localization, greedy, file.parent)
     if missing:
         typer.echo(f"without weights, left out: {', '.join(missing)}", err=True)
-    count = episodes or 500
-    plan = Plan(folder, found, places, count, bench.seed, bench.changes)
+    plan = Plan(folder, found, places, count, bench.seed, bench.changes, version=bench.version)
     check_frozen(bench, plan.identity.scenarios)
     with folder.locked():
         _run(plan, usable_cores() if workers is None else workers)
         _summarize(plan)
-    _show(folder, [contender.name for contender in found], places, count, json)
+    _show(bench, folder, [contender.name for contender in found], places, count, json)
+
+
+def _check(
+    episodes: int | None, workers: int | None, name: str | None, source: Path | None
+) -> None:
+    if episodes is not None and episodes < 1:
+        raise UserError(f"--episodes {episodes}: must be 1 or more")
+    if workers is not None and workers < 0:
+        raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    if name is not None and source is not None:
+        raise UserError(f"--from {source} and --name {name} name two folders; give one")
+
+
+def _there(bench: BenchmarkSpec, file: Path, own: ResultsFolder) -> ResultsFolder:
+    """``own`` results, or where there are none those that come with the program."""
+    from lndrl.evaluation.benchmark import IDENTITY, shipped_results
+
+    shipped = shipped_results(bench, file)
+    if shipped is None or (own.path / IDENTITY).exists():
+        return own
+    typer.echo(f"{own.path}: holds no results yet; shown are those in {shipped.path}", err=True)
+    return shipped
+
+
+def _pack(
+    bench: BenchmarkSpec,
+    folder: ResultsFolder,
+    target: Path,
+    episodes: int,
+    methods: list[str] | None,
+    scenarios: list[str] | None,
+) -> None:
+    from lndrl.evaluation.benchmark import check_bench, pack
+
+    check_bench(bench, folder)
+    files = pack(folder, target, episodes, methods, scenarios)
+    size = sum(file.stat().st_size for file in files)
+    typer.echo(f"{target}: {len(files)} files of {episodes:,} episodes each, {size / 1e6:.2f} MB")
 
 
 def _run(plan: Plan, workers: int) -> None:
@@ -126,14 +185,22 @@ def _summarize(plan: Plan) -> None:
 
 
 def _show(
+    bench: BenchmarkSpec,
     folder: ResultsFolder,
     methods: list[str] | None,
     scenarios: list[str] | None,
     episodes: int | None,
     json: bool,
 ) -> None:
-    from lndrl.evaluation.benchmark import IDENTITY, Identity, benchmark_table, rows_of
+    from lndrl.evaluation.benchmark import (
+        IDENTITY,
+        Identity,
+        benchmark_table,
+        check_bench,
+        rows_of,
+    )
 
+    check_bench(bench, folder)
     rows = rows_of(folder, methods, scenarios, episodes)
     if json:
         typer.echo(json_format.dumps([row.to_dict() for row in rows], indent=2))
@@ -141,5 +208,6 @@ def _show(
     from lndrl.cli.tables import print_tables
 
     identity = Identity.read(folder.path / IDENTITY)
-    tested = scenarios or list(identity.scenarios)
-    print_tables(benchmark_table(rows, f"{', '.join(tested)}; seed {identity.seed}"))
+    tested = ", ".join(scenarios or list(identity.scenarios))
+    title = f"{tested}; seed {identity.seed}; version {identity.bench_version} of the bench"
+    print_tables(benchmark_table(rows, title))

@@ -82,6 +82,7 @@ def calibrate(
 
 def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, workers: int) -> None:
     from lndrl.evaluation.benchmark import Plan, ResultsFolder, load_benchmark
+    from lndrl.navigation.families import Family
     from lndrl.view.progress import progress_bar
 
     bench = load_benchmark()
@@ -93,6 +94,7 @@ def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, wo
             episodes,
             spec.seed,
             {s: [*bench.set, *spec.variants[name].changes(s)] for s in spec.scenarios},
+            Family.CALIBRATION,
         )
         for name in names
     ]

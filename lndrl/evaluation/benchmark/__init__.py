@@ -10,6 +10,7 @@ from lndrl.evaluation.benchmark.calibration import (
     targets,
 )
 from lndrl.evaluation.benchmark.figures import Paired, Row, mcnemar, rows_of, summary_of
+from lndrl.evaluation.benchmark.handing import SHIPPED, check_bench, pack, shipped_results
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.evaluation.benchmark.replay import (
     Drive,
@@ -47,6 +48,7 @@ __all__ = [
     "IDENTITY",
     "METHOD",
     "PAPER",
+    "SHIPPED",
     "BenchVariant",
     "BenchmarkSpec",
     "CalibrationSpec",
@@ -67,6 +69,7 @@ __all__ = [
     "bench_hash",
     "benchmark_table",
     "calibration_table",
+    "check_bench",
     "check_frozen",
     "check_scenario",
     "choose",
@@ -78,7 +81,9 @@ __all__ = [
     "load_calibration",
     "mcnemar",
     "method_runs",
+    "pack",
     "rows_of",
+    "shipped_results",
     "summary_of",
     "targets",
     "contender_tested",

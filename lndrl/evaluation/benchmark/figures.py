@@ -10,6 +10,7 @@ from scipy.stats import binomtest
 
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
+from lndrl.evaluation.hazard import Hazard
 from lndrl.evaluation.metrics import Metrics, metrics_of
 from lndrl.navigation import EpisodeRecord
 
@@ -19,20 +20,34 @@ OURS = "lndrl"
 
 @dataclass(frozen=True)
 class Row:
-    """A method over some scenarios: episodes by (scenario, number)."""
+    """A method over some scenarios: episodes by (scenario, number), of a version of the bench."""
 
     method: str
     scenarios: tuple[str, ...]
     records: dict[tuple[str, int], EpisodeRecord]
+    bench_version: int = 1
 
     @property
     def metrics(self) -> Metrics:
         """The nine metrics over all episodes; scenarios have as many each, so they count alike."""
         return metrics_of([self.records[key] for key in sorted(self.records)])
 
+    def within(self, scenario: str) -> Row:
+        """The same of one scenario."""
+        inside = {key: record for key, record in self.records.items() if key[0] == scenario}
+        return Row(self.method, (scenario,), inside, self.bench_version)
+
+    @property
+    def hazard(self) -> Hazard:
+        """Of getting lost, over the steps of all episodes."""
+        return Hazard.of(list(self.records.values()))
+
     def to_dict(self) -> dict[str, Any]:
-        """Plain types: means under the names of the paper's columns; None where none counts."""
-        m = self.metrics
+        """Plain types: means under the names of the paper's columns; None where none counts.
+
+        ``hazard`` is lost per 1,000 control steps.
+        """
+        m, hazard = self.metrics, self.hazard
         return {
             "method": self.method,
             "scenarios": list(self.scenarios),
@@ -41,6 +56,7 @@ class Row:
             "cr": m.collision.value,
             "lr": m.lost.value,
             "sr": m.stuck.value,
+            "hazard": hazard.value,
             "reach_time": m.reach_time.mean,
             "distance": m.distance.mean,
             "position_error": m.position_error.mean,
@@ -51,7 +67,9 @@ class Row:
                 "cr": list(m.collision.interval),
                 "lr": list(m.lost.interval),
                 "sr": list(m.stuck.interval),
+                "hazard": list(hazard.interval),
             },
+            "bench_version": self.bench_version,
         }
 
 
@@ -90,7 +108,7 @@ def rows_of(
                 tested.append(scenario)
                 found |= {(scenario, k): r for k, r in inside.items()}
         if found:
-            rows.append(Row(method, tuple(tested), found))
+            rows.append(Row(method, tuple(tested), found, identity.bench_version))
     if not rows:
         raise UserError(f"{folder.path}: holds no finished episode of what was asked for")
     return rows
@@ -107,11 +125,7 @@ def mcnemar(first: Row, second: Row, outcome: str = "arrived") -> Paired:
 
 def summary_of(identity: Identity, rows: Sequence[Row], episodes: int) -> dict[str, Any]:
     """Everything about a finished benchmark, for ``summary.json``."""
-    by_scenario = [
-        Row(row.method, (scenario,), {k: r for k, r in row.records.items() if k[0] == scenario})
-        for row in rows
-        for scenario in row.scenarios
-    ]
+    by_scenario = [row.within(scenario) for row in rows for scenario in row.scenarios]
     return {
         **vars(identity),
         "episodes": episodes,

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, Contender, bench_config, contenders
-from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.runner import BLOCK
 from lndrl.navigation import EpisodeRecord, Navigation, WorldSnapshot
+from lndrl.navigation.families import Family, episode_of
 from lndrl.navigation.reward import angle_error, position_error
 from lndrl.planners import is_rule, planner_source
 from lndrl.world.contacts import Hit
@@ -49,8 +50,8 @@ class Drive:
 
     @property
     def episode(self) -> int:
-        """The number that the bench gives the episode."""
-        return self.record.world - TEST_WORLD
+        """The number that its family gives the episode."""
+        return episode_of(self.record.world)
 
     @property
     def reason(self) -> str:
@@ -73,11 +74,18 @@ class Drive:
 class Replay:
     """One method in one scenario of the bench under ``seed``, built once for any episodes.
 
+    ``family`` says whose episodes, ``changes`` what is another than in the defaults.
+
     Raises UserError for an impossible scenario and for weights that do not fit.
     """
 
     def __init__(
-        self, contender: Contender, scenario: str, seed: int, changes: Sequence[str] = ()
+        self,
+        contender: Contender,
+        scenario: str,
+        seed: int,
+        changes: Sequence[str] = (),
+        family: Family = Family.BENCH,
     ) -> None:
         self.contender = contender
         self.config = bench_config(contender, scenario, seed, changes)
@@ -86,7 +94,7 @@ class Replay:
 
             # As in the bench: sums rounded alike need as many threads.
             torch.set_num_threads(1)
-        self._runner = EpisodeRunner(contender.source, self.config, contender.greedy)
+        self._runner = EpisodeRunner(contender.source, self.config, contender.greedy, family)
 
     def drive(
         self,
@@ -103,7 +111,7 @@ class Replay:
             cameras = {k: _Camera() for k in block if k in episodes}
 
             def see(world: Navigation, cameras: dict[int, _Camera] = cameras) -> None:
-                camera = cameras.get(world.world_id - TEST_WORLD)
+                camera = cameras.get(episode_of(world.world_id))
                 if camera is not None:
                     camera(world)
                     if watch is not None:
@@ -111,7 +119,7 @@ class Replay:
 
             left = set(cameras)
             for record in self._runner(block, see):
-                k = record.world - TEST_WORLD
+                k = episode_of(record.world)
                 if k not in left:
                     continue
                 left.remove(k)

@@ -1,31 +1,35 @@
-"""Filling a results folder: every missing block of episodes, on all cores, in any order.
+"""Filling a results folder: every missing episode, on all cores, in any order.
 
-Blocks are as large as those of ``lndrl evaluate`` and always whole, the last one and one that was
-interrupted as well: what a policy does depends, by rounding, on which episodes share its batch.
+A rule does the same whatever runs beside it: only what is missing is run, and each episode is
+written when it ends. What a policy does depends, by rounding, on which episodes share its batch:
+its blocks are those of ``lndrl evaluate``, always whole, the last one too, and each is written when
+all of it has ended. So nothing that was written is ever run again; of a policy, what had ended in
+the blocks at hand was not written yet.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
 from lndrl.config import RunConfig
 from lndrl.evaluation.benchmark.spec import Contender, bench_config, bench_hash
 from lndrl.evaluation.benchmark.store import Identity, ResultsFolder
-from lndrl.evaluation.episodes import EpisodeRunner
+from lndrl.evaluation.episodes import EpisodeRunner, Surroundings
 from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.runner import BLOCK
-from lndrl.navigation import EpisodeRecord
+from lndrl.navigation import EpisodeRecord, build_surroundings
+from lndrl.navigation.families import Family
 from lndrl.version import VERSION
 
 
 @dataclass(frozen=True)
 class Task:
-    """One block of episodes of a method in a scenario; ``cell`` indexes the plan's cells."""
+    """Episodes to run side by side in one cell; ``cell`` indexes the plan's cells."""
 
     cell: int
-    episodes: range
+    episodes: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -36,11 +40,17 @@ class Cell:
     scenario: str
     config: RunConfig
 
+    @property
+    def depends_on_company(self) -> bool:
+        """Whether an episode can go otherwise beside others."""
+        return self.contender.source.weights is not None
+
 
 class Plan:
     """What is to be tested, and what of it is not in ``folder`` yet.
 
-    ``changes`` (scenario to key=value) make another bench of some scenarios, for calibration.
+    ``changes`` (scenario to key=value) make another bench of some scenarios, for calibration;
+    ``family`` says whose episodes are run, ``version`` of which version of the bench.
 
     Raises UserError for unknown scenarios; the other methods also where the folder holds results
     of another bench, seed or weights, or cannot be written.
@@ -54,8 +64,10 @@ class Plan:
         episodes: int,
         seed: int,
         changes: Mapping[str, Sequence[str]] | None = None,
+        family: Family = Family.BENCH,
+        version: int = 1,
     ) -> None:
-        self.folder, self.episodes = folder, episodes
+        self.folder, self.episodes, self.family = folder, episodes, family
         changes = changes or {}
         self.cells = [
             Cell(
@@ -72,6 +84,8 @@ class Plan:
             {cell.scenario: bench_hash(cell.config) for cell in self.cells},
             {contender.name: describe(contender) for contender in methods},
             {scenario: list(changes[scenario]) for scenario in scenarios if scenario in changes},
+            family.value,
+            version,
         )
 
     def left(self) -> int:
@@ -79,20 +93,18 @@ class Plan:
         return sum(len(task.episodes) for task in self.missing())
 
     def missing(self) -> list[Task]:
-        """Blocks that are not whole; the episodes of those that are cut are cleared away."""
+        """What has not been written yet, in blocks; puts what has in order."""
         self.folder.claim(self.identity)
+        blocks = -(-self.episodes // BLOCK)
         tasks = []
         for number, cell in enumerate(self.cells):
             kept = self.folder.records(cell.contender.name, cell.scenario)
-            known = max(kept, default=-1) + 1
-            whole: list[EpisodeRecord] = []
-            for first in range(0, max(known, self.episodes), BLOCK):
-                block = range(first, first + BLOCK)
-                if all(k in kept for k in block):
-                    whole += [kept[k] for k in block]
-                elif first < self.episodes:
-                    tasks.append(Task(number, block))
-            self.folder.keep(cell.contender.name, cell.scenario, whole)
+            if cell.depends_on_company:
+                kept = _whole_blocks(kept)
+            wanted = [k for k in range(blocks * BLOCK) if k not in kept]
+            firsts = range(0, len(wanted), BLOCK)
+            tasks += [Task(number, tuple(wanted[f : f + BLOCK])) for f in firsts]
+            self.folder.keep(cell.contender.name, cell.scenario, kept.values())
         return tasks
 
     def run(
@@ -100,17 +112,27 @@ class Plan:
     ) -> None:
         """Test what is missing; ``workers`` processes share it, 0 keeps it in this one.
 
-        Raises UserError when a worker dies. Whatever has ended is kept; Ctrl-C leaves no process.
+        ``progress`` hears of every episode when it has been written. Raises UserError when a
+        worker dies. Whatever has been written is kept; Ctrl-C leaves no process.
         """
         tasks = self.missing()
-        results = run_tasks(_make_work, (tuple(self.cells),), tasks, min(workers, len(tasks)))
+        work = (tuple(self.cells), self.family)
+        results = run_tasks(_make_work, work, tasks, min(workers, len(tasks)))
         with closing(results):
-            for number, record in results:
+            for number, records in results:
                 cell = self.cells[number]
-                self.folder.add(cell.contender.name, cell.scenario, record)
-                if progress is not None:
+                self.folder.add(cell.contender.name, cell.scenario, *records)
+                for record in records if progress is not None else ():
                     progress(cell, record)
         self.missing()  # the order of a file's rows then does not tell who was faster
+
+
+def _whole_blocks(records: Mapping[int, EpisodeRecord]) -> dict[int, EpisodeRecord]:
+    """Those of blocks that are whole. Others are of a write that was cut off, or of a program that
+    wrote each episode alone."""
+    firsts = {k - k % BLOCK for k in records}
+    whole = [f for f in firsts if all(k in records for k in range(f, f + BLOCK))]
+    return {k: records[k] for f in whole for k in range(f, f + BLOCK)}
 
 
 def describe(contender: Contender) -> dict[str, str]:
@@ -124,26 +146,45 @@ def describe(contender: Contender) -> dict[str, str]:
 
 
 class _Bench:
-    """A worker: keeps the runner of the cell at hand, because tasks come cell by cell."""
+    """A worker: keeps the runner of the cell at hand, because tasks come cell by cell, and every
+    place that it has built, because the next method is tested there, too."""
 
-    def __init__(self, cells: tuple[Cell, ...]) -> None:
-        self._cells = cells
+    def __init__(self, cells: tuple[Cell, ...], family: Family) -> None:
+        self._cells, self._family = cells, family
         self._number = -1
         self._runner: EpisodeRunner | None = None
+        self._places: dict[tuple[str, str], Surroundings] = {}
 
-    def __call__(self, task: Task) -> Iterable[tuple[int, EpisodeRecord]]:
+    def __call__(self, task: Task) -> Iterator[tuple[int, tuple[EpisodeRecord, ...]]]:
+        cell = self._cells[task.cell]
         if self._runner is None or task.cell != self._number:
-            cell = self._cells[task.cell]
-            self._runner = EpisodeRunner(cell.contender.source, cell.config, cell.contender.greedy)
+            self._runner = EpisodeRunner(
+                cell.contender.source,
+                cell.config,
+                cell.contender.greedy,
+                self._family,
+                self._surroundings(cell),
+            )
             self._number = task.cell
-        for record in self._runner(task.episodes):
-            yield task.cell, record
+        records: Iterable[EpisodeRecord] = self._runner(task.episodes)
+        if cell.depends_on_company:
+            yield task.cell, tuple(records)
+            return
+        for record in records:
+            yield task.cell, (record,)
+
+    def _surroundings(self, cell: Cell) -> Surroundings:
+        # One bench hash, one world: whoever is tested there hears and touches the same.
+        key = cell.scenario, bench_hash(cell.config)
+        if key not in self._places:
+            self._places[key] = build_surroundings(cell.config)
+        return self._places[key]
 
 
-def _make_work(cells: tuple[Cell, ...]) -> Work:
-    if any(cell.contender.source.weights is not None for cell in cells):
+def _make_work(cells: tuple[Cell, ...], family: Family) -> Work:
+    if any(cell.depends_on_company for cell in cells):
         import torch
 
         # Workers share the cores by being many, and sums rounded alike need as many threads.
         torch.set_num_threads(1)
-    return _Bench(cells)
+    return _Bench(cells, family)

@@ -42,6 +42,9 @@ class Method(Model):
 class BenchmarkSpec(Model):
     """``configs/benchmark.yaml``."""
 
+    version: Annotated[int, Field(ge=1)] = Field(
+        1, description="of the bench; results of two versions do not go into one table"
+    )
     scenarios: list[str] = Field(min_length=1, description="places to test in, by name or file")
     seed: Annotated[int, Field(ge=0)] = Field(0, description="of the episodes, alike for all")
     set: list[str] = Field(

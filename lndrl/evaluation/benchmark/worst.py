@@ -16,8 +16,8 @@ from lndrl.evaluation.benchmark.spec import (
     choose,
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
-from lndrl.evaluation.episodes import TEST_WORLD
 from lndrl.navigation import EpisodeRecord
+from lndrl.navigation.families import episode_of
 from lndrl.planners import planner_source
 
 WORST_FIRST = ("lost", "collided", "timeout", "arrived")
@@ -33,8 +33,8 @@ class Recorded:
 
     @property
     def episode(self) -> int:
-        """The number that the bench gives the episode."""
-        return self.record.world - TEST_WORLD
+        """The number that its family gives the episode."""
+        return episode_of(self.record.world)
 
 
 def badness(record: EpisodeRecord) -> tuple[int, float, float]:

@@ -17,7 +17,7 @@ from lndrl.world import Place, World
 Floats = NDArray[np.float64]
 
 DRIVE_WORLD = 4_100_000_000
-"""World id of the drives: beside those of test episodes, so nothing is ever trained on them."""
+"""World id of the drives, in no family of episodes (``lndrl.navigation.families``)."""
 DISPLACEMENT = 3.0  # m, how far a kidnapped robot is from where it thinks it is
 _DIRECTIONS = 64
 
