@@ -60,12 +60,12 @@ class EpisodeRunner:
         while len(running):
             velocities = self.planner.act(team.observation.take(running), running)
             team.step(running, velocities)
-            ended = [row for row in running.tolist() if worlds[row].outcome]
-            if watch is not None:
-                for row in running.tolist():
-                    watch(worlds[row])
-            yield from [worlds[row].record() for row in ended]
-            running = np.setdiff1d(running, ended, assume_unique=True)
+            rows = running.tolist()
+            for row in rows if watch is not None else ():
+                watch(worlds[row])
+            ended = np.array([worlds[row].outcome != "" for row in rows])
+            yield from [worlds[row].record() for row in running[ended]]
+            running = running[~ended]
         self._team = team
 
     def _take_team(self, size: int) -> Team:

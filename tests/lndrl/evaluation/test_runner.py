@@ -12,13 +12,13 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.evaluation import (
     BLOCK,
-    TEST_WORLD,
     EpisodeRunner,
     EvaluationResult,
     evaluate,
     settings_for,
 )
 from lndrl.navigation import EpisodeRecord, Navigation
+from lndrl.navigation.families import Family, episode_of
 from lndrl.planners import PlannerSource, make_planner, planner_source
 from lndrl.policy import initial_weights, load_into, policy_metadata, to_bytes
 from lndrl.policy.networks import build_policy
@@ -64,7 +64,7 @@ def starts(config: RunConfig, spec: str, episodes: range) -> list[tuple[float, .
 
     def watch(world: Navigation) -> None:
         place = (*world.world.start_pose, *world.world.goal, *world.world.pedestrian_position.flat)
-        seen.setdefault(world.world_id - TEST_WORLD, tuple(float(value) for value in place))
+        seen.setdefault(episode_of(world.world_id), tuple(float(value) for value in place))
 
     list(EpisodeRunner(planner_source(spec), config)(episodes, watch))
     return [seen[k] for k in episodes]
@@ -81,7 +81,7 @@ def test_result_does_not_depend_on_the_number_of_workers(
 
 
 def test_records_are_in_episode_order_and_complete(sampled: EvaluationResult) -> None:
-    assert [r.world - TEST_WORLD for r in sampled.records] == list(range(EPISODES))
+    assert [episode_of(r.world) for r in sampled.records] == list(range(EPISODES))
     assert {r.episode for r in sampled.records} == {0}
     assert sampled.actions == "sampled" and sampled.seed == 4 and sampled.scenario == "room"
 
@@ -212,7 +212,7 @@ def test_actions_of_a_world_do_not_depend_on_its_company(
         seen: list[tuple[float, ...]] = []
 
         def watch(world: Navigation) -> None:
-            if world.world_id == TEST_WORLD + 2:
+            if world.world_id == Family.VALIDATION.world(2):
                 seen.append(tuple(world.world.command.tolist()))
 
         list(runner(episodes, watch))
