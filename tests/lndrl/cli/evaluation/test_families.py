@@ -32,7 +32,7 @@ scenarios: [room.yaml]
 set: [task.time_limit=1.6, localization.delay=1]
 methods: {straight: {planner: straight}}
 """
-VARIANTS = "scenarios: [room.yaml]\nvariants: {quick: {why: it is, set: [task.time_limit=1.6]}}\n"
+VARIANTS = "scenarios: [room.yaml]\nvariants: {plain: {why: it is}}\n"
 EPISODES = ["--episodes", "2", "--workers", "0"]
 EVALUATE = ["evaluate", "straight", *EPISODES, "--json"]
 
@@ -97,10 +97,10 @@ def test_calibration_has_episodes_of_its_own_and_draws_them_again(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert run(["calibrate", "variants.yaml", *EPISODES]) == 0
-    folder = ResultsFolder(Path("results/calibration/quick"))
+    folder = ResultsFolder(Path("results/calibration/plain"))
     assert worlds(folder, "dwa") == [Family.CALIBRATION.world(k) for k in range(8)]
     capsys.readouterr()
-    arguments = ["--name", "calibration/quick", "--method", "dwa", "--count", "1"]
+    arguments = ["--name", "calibration/plain", "--method", "dwa", "--count", "1"]
     assert run(["figures", "worst", *arguments, "--out", "worst.png"]) == 0
     # The episode as it was recorded: it would say so if it had ended otherwise.
     assert "recorded" not in capsys.readouterr().out

@@ -26,6 +26,7 @@ from lndrl.evaluation.benchmark import (
     pack,
     rows_of,
 )
+from lndrl.evaluation.hazard import Hazard
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
@@ -179,6 +180,19 @@ def test_rows_have_version_and_hazard(tmp_path: Path) -> None:
     assert shown["SR"].startswith(f"{data['sr']:.3f}\n")  # type: ignore[union-attr]
     paper = {head: list(column.cells)[1] for head, column in zip(heads, table.columns, strict=True)}
     assert (paper["LR"], paper["h (‰)"], paper["SR"]) == ("0.035", "-", "0.012")
+
+
+def test_a_hazard_forgives_nobody_who_collides_early() -> None:
+    parts, random = dict.fromkeys(REWARD_PARTS, 0.0), np.random.default_rng(0)
+    lost, early, late = (
+        dataclasses.replace(record(random, 0), outcome=outcome, steps=steps, reward_parts=parts)
+        for outcome, steps in (("lost", 40), ("collided", 10), ("arrived", 150))
+    )
+    assert Hazard.of([lost, early, late]).value == pytest.approx(5.0)
+    assert Hazard.of([lost, early]).value == pytest.approx(20.0)
+    # Exact Poisson limits of 10 counts are 4.80 and 18.39.
+    assert Hazard(10, 10_000).interval == pytest.approx((0.480, 1.839), rel=0.15)
+    assert Hazard.of([]).value == 0.0 and Hazard.of([]).interval == (0.0, 1000.0)
 
 
 # -- the command ----------------------------------------------------------------------------
