@@ -54,16 +54,18 @@ class EpisodeRunner:
         ids = [self.family.world(k) for k in episodes]
         team = self._team_of(len(ids))
         worlds = team.begin(ids)
-        for world in worlds if watch is not None else ():
-            watch(world)
+        if watch is not None:
+            for world in worlds:
+                watch(world)
         self.planner.reset(self.config.seed, ids)
         running = np.arange(len(worlds))
         while len(running):
             velocities = self.planner.act(team.observation.take(running), running)
             team.step(running, velocities)
             rows = running.tolist()
-            for row in rows if watch is not None else ():
-                watch(worlds[row])
+            if watch is not None:
+                for row in rows:
+                    watch(worlds[row])
             ended = np.array([worlds[row].outcome != "" for row in rows])
             yield from [worlds[row].record() for row in running[ended]]
             running = running[~ended]

@@ -122,8 +122,9 @@ class Plan:
             for number, records in results:
                 cell = self.cells[number]
                 self.folder.add(cell.contender.name, cell.scenario, *records)
-                for record in records if progress is not None else ():
-                    progress(cell, record)
+                if progress is not None:
+                    for record in records:
+                        progress(cell, record)
         self.missing()  # the order of a file's rows then does not tell who was faster
 
 

@@ -26,8 +26,10 @@ from lndrl.evaluation.benchmark import (
     pack,
     rows_of,
 )
+from lndrl.evaluation.benchmark.store import COLUMNS
 from lndrl.evaluation.hazard import Hazard
 from lndrl.navigation import EpisodeRecord
+from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import planner_source
@@ -39,10 +41,16 @@ FIGURES = len(REWARD_PARTS) + 6
 
 def record(random: np.random.Generator, k: int, family: Family = Family.BENCH) -> EpisodeRecord:
     figures = random.uniform(0, 30, FIGURES).tolist()
-    outcome = random.choice(["arrived", "collided", "lost", "timeout"])
-    steps = int(random.integers(1, 125))
-    parts = dict(zip(REWARD_PARTS, figures[6:], strict=True))
-    return EpisodeRecord(family.world(k), 0, outcome, steps, *figures[:6], parts)
+    return EpisodeRecord.from_dict(
+        {
+            "world": family.world(k),
+            "episode": 0,
+            "outcome": random.choice(OUTCOMES).item(),
+            "steps": int(random.integers(1, 125)),
+            **dict(zip(COLUMNS[3:9], figures, strict=False)),
+            "reward_parts": dict(zip(REWARD_PARTS, figures[6:], strict=True)),
+        }
+    )
 
 
 def filled(path: Path, episodes: int = 9, **identity: object) -> ResultsFolder:
@@ -152,7 +160,7 @@ def test_versions_and_families_do_not_mix(tmp_path: Path) -> None:
         ({"family": "calibration"}, "was filled with episodes of bench, not of calibration"),
     ):
         with pytest.raises(UserError, match=words):
-            folder.claim(dataclasses.replace(identity, **other))  # type: ignore[arg-type]
+            folder.claim(dataclasses.replace(identity, **other))
     second = load_benchmark().model_copy(update={"version": 2})
     check_bench(second, folder)
     with pytest.raises(UserError, match=r"version 2 of the bench, which do not .* version 1"):
@@ -183,9 +191,9 @@ def test_rows_have_version_and_hazard(tmp_path: Path) -> None:
 
 
 def test_a_hazard_forgives_nobody_who_collides_early() -> None:
-    parts, random = dict.fromkeys(REWARD_PARTS, 0.0), np.random.default_rng(0)
+    random = np.random.default_rng(0)
     lost, early, late = (
-        dataclasses.replace(record(random, 0), outcome=outcome, steps=steps, reward_parts=parts)
+        EpisodeRecord.from_dict({**record(random, 0).to_dict(), "outcome": outcome, "steps": steps})
         for outcome, steps in (("lost", 40), ("collided", 10), ("arrived", 150))
     )
     assert Hazard.of([lost, early, late]).value == pytest.approx(5.0)

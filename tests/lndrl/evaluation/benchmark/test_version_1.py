@@ -23,8 +23,9 @@ from lndrl.evaluation.benchmark import (
     load_benchmark,
 )
 from lndrl.evaluation.benchmark import spec as spec_module
-from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.models import LATER
+from lndrl.navigation.families import Family
 
 STORED = Path(__file__).with_name("version-1.csv")
 """Episodes 0 and 1 of two methods in five scenarios, as an Intel and an AMD machine wrote them."""
@@ -91,8 +92,8 @@ def test_stored_episodes_are_driven_again_bit_for_bit(bench: BenchmarkSpec, meth
     (contender,), _ = contenders(bench, [method])
     for scenario, kept in groupby(rows, key=lambda row: row["scenario"]):
         config = bench_config(contender, scenario, bench.seed, bench.set)
-        runner = EpisodeRunner(contender.source, config)
-        driven = {r.world - TEST_WORLD: r.to_dict() for r in runner(range(2))}
+        runner = EpisodeRunner(contender.source, config, family=Family.BENCH)
+        driven = {Family.BENCH.episode(r.world): r.to_dict() for r in runner(range(2))}
         for row in kept:
             record = driven[int(row["episode"])]
             figures = {**record, **record["reward_parts"]}
