@@ -47,33 +47,34 @@ class EpisodeRunner:
     ) -> Iterator[EpisodeRecord]:
         """Run ``episodes`` side by side; yields the record of each when it ends.
 
-        ``watch`` is called for every world at its start and after each of its control steps.
-        Raises UserError for an episode that the family has not.
+        ``watch`` is called for every world at its start and after each of its control steps. A call
+        ends the one before: worlds and planner are the same. Raises UserError for an episode that
+        the family has not.
         """
         ids = [self.family.world(k) for k in episodes]
-        team = self._take_team(len(ids))
+        team = self._team_of(len(ids))
         worlds = team.begin(ids)
-        for world in worlds if watch is not None else ():
-            watch(world)
+        if watch is not None:
+            for world in worlds:
+                watch(world)
         self.planner.reset(self.config.seed, ids)
         running = np.arange(len(worlds))
         while len(running):
             velocities = self.planner.act(team.observation.take(running), running)
             team.step(running, velocities)
-            ended = [row for row in running.tolist() if worlds[row].outcome]
+            rows = running.tolist()
             if watch is not None:
-                for row in running.tolist():
+                for row in rows:
                     watch(worlds[row])
-            yield from [worlds[row].record() for row in ended]
-            running = np.setdiff1d(running, ended, assume_unique=True)
-        self._team = team
+            ended = np.array([worlds[row].outcome != "" for row in rows])
+            yield from [worlds[row].record() for row in running[ended]]
+            running = running[~ended]
 
-    def _take_team(self, size: int) -> Team:
-        """Worlds for ``size`` episodes: those of the last call, unless it is still at work."""
-        team, self._team = self._team, None
-        if team is None or len(team.worlds) < size:
-            team = Team(self._place, self._field, self.config, size)
-        return team
+    def _team_of(self, size: int) -> Team:
+        """Worlds for ``size`` episodes: those of the last call where they are enough."""
+        if self._team is None or len(self._team.worlds) < size:
+            self._team = Team(self._place, self._field, self.config, size)
+        return self._team
 
 
 class Team:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from actors.laps import Laps
-from actors.rollout import WORLDS_PER_ACTOR, Rollout, following
+from actors.rollout import Rollout, following
 from lndrl.navigation import Observation, StepResult, Trajectory, VectorNavigation
+from lndrl.navigation.families import first_world_of_actor
 from lndrl.policy import initial_weights
 from lndrl.randomness import Stream
 
@@ -33,7 +34,7 @@ def test_chunk_matches_a_replay_of_its_actions(small_config, time_limit):
     config = small_config(task={"time_limit": time_limit}, seed=5)
     _, chunk = collected(config, index=2, first_episode=4)
     got = chunk.trajectory
-    replay = VectorNavigation(config, 2 * WORLDS_PER_ACTOR, 2, first_episode=4)
+    replay = VectorNavigation(config, first_world_of_actor(2), 2, first_episode=4)
     finals, expected_index, records = [], [], []
     for t in range(8):
         assert_same(got.observation.take(t), replay.observation)

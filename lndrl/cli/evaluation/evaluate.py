@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_format
 import sys
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
@@ -12,14 +13,24 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.notes import say_notes
-from lndrl.cli.options import PlannerSettings, ScenarioName, TrustModules, part_settings, trust
+from lndrl.cli.options import (
+    BenchName,
+    PlannerSettings,
+    ScenarioName,
+    TrustModules,
+    part_settings,
+    trust,
+)
 from lndrl.cli.signals import say
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
+    from lndrl.config import RunConfig
     from lndrl.evaluation import EvaluationResult
+    from lndrl.evaluation.benchmark import BenchmarkSpec
     from lndrl.navigation import EpisodeRecord
+    from lndrl.planners import PlannerSource
 
 Localization = Literal["amcl", "perfect"]
 
@@ -48,6 +59,15 @@ def evaluate(
     localization: Annotated[
         Localization | None, typer.Option(help="Default: as trained; perfect hands out the truth.")
     ] = None,
+    bench: Annotated[
+        bool,
+        typer.Option(
+            "--bench",
+            help="In the bench's world: its filter, delay and limits; still other episodes than"
+            " those of lndrl benchmark.",
+        ),
+    ] = False,
+    spec: BenchName = None,
     metric: Annotated[
         list[str] | None,
         typer.Option(
@@ -60,8 +80,11 @@ def evaluate(
     trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="Metrics and episodes as JSON.")] = False,
 ) -> None:
-    """Measure a policy with the paper's nine metrics."""
-    _check(episodes, seed, workers)
+    """Measure a policy with the paper's nine metrics.
+
+    Its episodes are there to choose by; those that lndrl benchmark judges by are others.
+    """
+    _check(episodes, seed, workers, bench, spec)
     trust(trust_modules)
     settings = part_settings(planner_set, "--planner-set")
     from lndrl.evaluation import add_metrics, own_metrics
@@ -78,10 +101,9 @@ def evaluate(
         )
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
+    world = _World(scenario, localization, _bench(spec) if bench else None)
     works = [
-        _Evaluation(
-            each, settings if each in takers else {}, scenario, episodes, seed, greedy, localization
-        )
+        _Evaluation(each, settings if each in takers else {}, world, episodes, seed, greedy)
         for each in planners
     ]
     say_notes(note for work in works for note in work.config.scenario.map_notes)
@@ -105,13 +127,48 @@ def evaluate(
         print_tables(comparison_table(results))
 
 
-def _check(episodes: int, seed: int, workers: int | None) -> None:
+def _bench(spec: str | None) -> BenchmarkSpec:
+    from lndrl.config import DEFAULTS, find
+    from lndrl.evaluation.benchmark import load_benchmark
+
+    return load_benchmark(find("bench", spec or DEFAULTS["bench"]))
+
+
+def _check(episodes: int, seed: int, workers: int | None, bench: bool, spec: str | None) -> None:
     if episodes < 1:
         raise UserError(f"--episodes {episodes}: must be 1 or more")
     if seed < 0:
         raise UserError(f"--seed {seed}: must be 0 or more")
     if workers is not None and workers < 0:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    if spec is not None and not bench:
+        raise UserError(f"--spec {spec} names a bench; it goes with --bench")
+
+
+@dataclass(frozen=True)
+class _World:
+    """What was asked for of the world that planners are tested in."""
+
+    scenario: str | None
+    localization: Localization | None
+    bench: BenchmarkSpec | None
+
+    def config_of(self, source: PlannerSource) -> RunConfig:
+        """What ``source`` is tested under: as it was trained, or as the bench has it."""
+        from lndrl.config import load_scenario
+        from lndrl.evaluation import settings_for
+        from lndrl.evaluation.benchmark import Contender, bench_config
+
+        if self.bench is None:
+            return settings_for(source, self.scenario, self.localization)
+        if self.scenario is not None:
+            load_scenario(self.scenario)  # says so where there is none of that name
+        known = self.bench.scenarios
+        trained = source.config.scenario.name if source.config is not None else ""
+        place = self.scenario or (trained if trained in known else known[0])
+        contender = Contender(source.label, source, self.localization or "amcl")
+        changes = self.bench.changes.get(place, self.bench.set)
+        return bench_config(contender, place, self.bench.seed, changes)
 
 
 class _Evaluation:
@@ -121,17 +178,15 @@ class _Evaluation:
         self,
         planner: str,
         settings: dict[str, Any],
-        scenario: str | None,
+        world: _World,
         episodes: int,
         seed: int,
         greedy: bool,
-        localization: Localization | None,
     ) -> None:
-        from lndrl.evaluation import settings_for
         from lndrl.planners import planner_source
 
         self.source = planner_source(planner, settings)
-        config = settings_for(self.source, scenario, localization)
+        config = world.config_of(self.source)
         self.config = config.model_copy(update={"seed": seed})
         self.episodes, self.greedy = episodes, greedy
         self.title = f"{Path(planner).name} on {config.scenario.name}"

@@ -21,7 +21,7 @@ def shipped_results(spec: BenchmarkSpec, file: Path) -> ResultsFolder | None:
     None where there are none of its version.
     """
     folder = ResultsFolder(SHIPPED / f"v{spec.version}")
-    ours = file.parent == REPOSITORY_CONFIGS
+    ours = file.resolve().parent == REPOSITORY_CONFIGS
     return folder if ours and (folder.path / IDENTITY).is_file() else None
 
 

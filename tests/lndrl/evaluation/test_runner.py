@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 import torch
 
-from lndrl.config import RunConfig
+from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation import (
     BLOCK,
-    TEST_WORLD,
     EpisodeRunner,
     EvaluationResult,
     evaluate,
     settings_for,
 )
+from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.navigation import EpisodeRecord, Navigation
+from lndrl.navigation.families import Family, episode_of
 from lndrl.planners import PlannerSource, make_planner, planner_source
 from lndrl.policy import initial_weights, load_into, policy_metadata, to_bytes
 from lndrl.policy.networks import build_policy
@@ -64,7 +65,7 @@ def starts(config: RunConfig, spec: str, episodes: range) -> list[tuple[float, .
 
     def watch(world: Navigation) -> None:
         place = (*world.world.start_pose, *world.world.goal, *world.world.pedestrian_position.flat)
-        seen.setdefault(world.world_id - TEST_WORLD, tuple(float(value) for value in place))
+        seen.setdefault(episode_of(world.world_id), tuple(float(value) for value in place))
 
     list(EpisodeRunner(planner_source(spec), config)(episodes, watch))
     return [seen[k] for k in episodes]
@@ -81,7 +82,7 @@ def test_result_does_not_depend_on_the_number_of_workers(
 
 
 def test_records_are_in_episode_order_and_complete(sampled: EvaluationResult) -> None:
-    assert [r.world - TEST_WORLD for r in sampled.records] == list(range(EPISODES))
+    assert [episode_of(r.world) for r in sampled.records] == list(range(EPISODES))
     assert {r.episode for r in sampled.records} == {0}
     assert sampled.actions == "sampled" and sampled.seed == 4 and sampled.scenario == "room"
 
@@ -203,6 +204,40 @@ def test_a_scenario_without_room_is_refused_from_a_worker_too(config: RunConfig)
             evaluate("random", blocked, 1, workers=workers)
 
 
+def test_worlds_that_are_used_again_play_as_new_ones(config: RunConfig) -> None:
+    """In a random scenario every world has a place, and memory, of its own."""
+    generated = load_config(
+        DEFAULT_CONFIG, ["scenario=random", "task.time_limit=6", "localization.max_particles=600"]
+    )
+    for each, number in ((config, 6), (generated, 2)):
+        runner = EpisodeRunner(planner_source("random"), each)
+        fresh = [
+            record
+            for k in range(number)
+            for record in EpisodeRunner(planner_source("random"), each)([k])
+        ]
+        first, last = range(number - 1), range(number - 1, number)
+        next(runner(first))  # nobody wants the rest
+        for episodes in (last, first, last, range(number)):
+            again = sorted(runner(episodes), key=lambda record: record.world)
+            assert again == [fresh[k] for k in episodes]
+
+
+def test_worlds_side_by_side_go_on_when_one_between_them_has_ended(config: RunConfig) -> None:
+    """Episodes of one block end one after the other, in any order."""
+    runner = EpisodeRunner(planner_source("random"), config)
+    together = list(runner(range(BLOCK)))
+    order = [episode_of(record.world) for record in together]
+    assert order != sorted(order) and order != sorted(order, reverse=True)
+    assert {r.world: r for r in together} == {r.world: r for k in range(BLOCK) for r in runner([k])}
+
+
+def test_an_episode_that_a_family_has_not_is_refused(config: RunConfig) -> None:
+    runner = EpisodeRunner(planner_source("random"), config)
+    with pytest.raises(UserError, match="episode -1 is none of validation"):
+        list(runner([-1]))
+
+
 def test_actions_of_a_world_do_not_depend_on_its_company(
     config: RunConfig, learned: PlannerSource
 ) -> None:
@@ -212,7 +247,7 @@ def test_actions_of_a_world_do_not_depend_on_its_company(
         seen: list[tuple[float, ...]] = []
 
         def watch(world: Navigation) -> None:
-            if world.world_id == TEST_WORLD + 2:
+            if world.world_id == Family.VALIDATION.world(2):
                 seen.append(tuple(world.world.command.tolist()))
 
         list(runner(episodes, watch))

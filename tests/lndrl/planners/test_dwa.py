@@ -13,7 +13,7 @@ from lndrl.config import RunConfig
 from lndrl.navigation import Observation
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.planners import DWAConfig, DWAPlanner, planner_source
-from lndrl.planners.dwa import best_velocity
+from lndrl.planners.dwa import best_velocities, best_velocity
 
 PERIOD, STEPS, RADIUS, FASTEST = 0.4, 4, 0.17, 0.6
 RANGE = 12.0
@@ -79,6 +79,63 @@ def test_the_kernel_takes_the_cheapest_arc_of_its_slow_twin(
     chosen = costs[list(linear).index(out[0]), list(angular).index(out[1])]
     # The slow arcs are exact to about 1e-6 m.
     assert chosen <= costs.min() + 1e-5 or near_a_touch(linear, angular, points)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rows=st.integers(1, 5),
+    frames=st.integers(1, 3),
+    resolution=st.sampled_from([0.05, 0.1, 0.2, 0.7]),
+    acceleration=st.sampled_from([0.0, 0.5, 5.0]),
+)
+def test_the_best_of_the_window_is_that_of_numpy_to_the_bit(
+    seed: int, rows: int, frames: int, resolution: float, acceleration: float
+) -> None:
+    """A bench that was recorded must come out again, so a unit in the last place is too much."""
+    random = np.random.default_rng(seed)
+    limits, window = (0.0, 0.6, -0.9, 0.9), (acceleration, 5.0, 0.2, resolution)
+    weights = tuple(random.uniform(0, 1, 4))
+    commands = random.uniform([0.0, -0.9], [0.6, 0.9], (rows, 2))
+    scan = random.integers(0, SCAN_COUNTS + 1, (rows, frames * 36)).astype(np.uint16)
+    scan[random.random(scan.shape) < 0.3] = SCAN_COUNTS  # no echo
+    goal = random.uniform(-5, 5, (rows, 6)).astype(np.float32)
+    used = np.arange(0, 36, 5) - 36
+    bearing = random.uniform(-1.6, 1.6, len(used))
+    directions = np.stack((np.cos(bearing), np.sin(bearing)), axis=1)
+    out = np.zeros((rows, 2))
+    best_velocities(
+        commands, scan, goal, used, directions, RANGE, window, limits, PERIOD, STEPS, RADIUS,
+        weights, out,
+    )  # fmt: skip
+
+    def candidates(now: float, by: float, least: float, most: float, apart: float) -> Any:
+        low, high = max(least, now - by * PERIOD), min(most, now + by * PERIOD)
+        return np.linspace(low, high, max(1, math.ceil((high - low) / apart - 1e-9)) + 1)
+
+    for i in range(rows):
+        ranges = scan[i, used] * (RANGE / SCAN_COUNTS)
+        hit = ranges < RANGE * (1.0 - 1e-6)
+        expected = np.zeros(2)
+        best_velocity(
+            candidates(commands[i, 0], acceleration, 0.0, 0.6, 0.2),
+            candidates(commands[i, 1], 5.0, -0.9, 0.9, resolution),
+            goal[i, :2].astype(np.float64), directions[hit] * ranges[hit, None], PERIOD, STEPS,
+            RADIUS, weights, 0.6, expected,
+        )  # fmt: skip
+        np.testing.assert_array_equal(out[i], expected)
+
+
+def test_a_beam_that_the_scan_has_not_is_no_obstacle() -> None:
+    """The kernel reads nothing beside its arrays, whatever the beams are said to be."""
+    scan, out = np.zeros((1, 4), np.uint16), np.zeros((1, 2))
+    used = np.array([-5, 4, 2**40, -(2**40)])  # the scan is all walls at 0 m
+    best_velocities(
+        np.zeros((1, 2)), scan, np.ones((1, 2), np.float32), used, np.ones((4, 2)), RANGE,
+        (5.0, 5.0, 0.2, 0.1), (0.0, 0.6, -0.9, 0.9), PERIOD, STEPS, RADIUS, (1.0, 0.5, 0.0, 0.0),
+        out,
+    )  # fmt: skip
+    assert out[0, 0] > 0.0
 
 
 def near_a_touch(linear: NDArray[Any], angular: NDArray[Any], points: NDArray[Any]) -> bool:

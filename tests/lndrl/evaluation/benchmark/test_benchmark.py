@@ -27,10 +27,11 @@ from lndrl.evaluation.benchmark import (
     mcnemar,
     rows_of,
 )
-from lndrl.evaluation.episodes import TEST_WORLD
-from lndrl.evaluation.runner import DEFAULT_CONFIG, evaluate
+from lndrl.evaluation.episodes import EpisodeRunner
+from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
+from lndrl.navigation.families import Family, episode_of
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import PlannerSource, planner_source
 from lndrl.policy import build_policy, policy_metadata, to_bytes
@@ -47,7 +48,7 @@ methods:
 
 def record(episode: int, outcome: str = "arrived", time: float = 20.0) -> EpisodeRecord:
     return EpisodeRecord(
-        world=TEST_WORLD + episode,
+        world=Family.BENCH.world(episode),
         episode=0,
         outcome=outcome,  # type: ignore[arg-type]
         steps=50,
@@ -267,8 +268,10 @@ def test_an_interrupted_benchmark_ends_like_one_that_was_not(tmp_path: Path) -> 
 
     with pytest.raises(StoppedError):
         cut.run(0, stop)
-    assert plan_of(tmp_path / "cut", 12).left() == 8  # the first block is whole, the second is not
-    plan_of(tmp_path / "cut", 12).run(0)
+    assert plan_of(tmp_path / "cut", 12).left() == 5  # 16 in blocks, of which 11 are written
+    again: list[int] = []
+    plan_of(tmp_path / "cut", 12).run(0, lambda _, record: again.append(episode_of(record.world)))
+    assert len(again) == 5
     files = [p.name for p in sorted((tmp_path / "whole").iterdir())]
     assert files == ["benchmark.json", "straight-sparse.csv"]
     for name in files:
@@ -289,12 +292,14 @@ def test_more_episodes_add_to_those_that_are_there(tmp_path: Path) -> None:
     assert len(row.records) == 3
 
 
-def test_it_finds_what_evaluate_finds_with_any_number_of_workers(tmp_path: Path) -> None:
+def test_it_finds_the_same_with_any_number_of_workers(tmp_path: Path) -> None:
     plan = plan_of(tmp_path, 16, ("straight", "random"))
     plan.run(2)
-    result = evaluate("random", bench_config(plan.cells[1].contender, "sparse", 3), 16, seed=3)
+    cell = plan.cells[1]
+    runner = EpisodeRunner(cell.contender.source, cell.config, family=Family.BENCH)
     found = ResultsFolder(tmp_path).records("random", "sparse")
-    assert [found[k] for k in sorted(found)] == list(result.records)
+    alone = [record for k in range(16) for record in runner([k])]
+    assert [found[k] for k in sorted(found)] == alone
 
 
 # -- figures --------------------------------------------------------------------------------

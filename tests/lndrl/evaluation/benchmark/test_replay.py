@@ -28,9 +28,10 @@ from lndrl.evaluation.benchmark import (
     worst_episodes,
 )
 from lndrl.evaluation.benchmark.moments import moment_of
-from lndrl.evaluation.episodes import TEST_WORLD, EpisodeRunner
+from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.runner import BLOCK, DEFAULT_CONFIG
 from lndrl.navigation import EpisodeRecord, Navigation
+from lndrl.navigation.families import Family, episode_of
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import planner_source
 from lndrl.policy import policy_metadata, to_bytes
@@ -59,7 +60,7 @@ HERE = "room.yaml"
 def record(k: int, outcome: str, error: float = 0.1, time: float = 20.0) -> EpisodeRecord:
     parts = dict.fromkeys(REWARD_PARTS, 0.0)
     values = (50, time, 9.0, error, 0.02, 0.3, -1.0, parts)
-    return EpisodeRecord(TEST_WORLD + k, 0, outcome, *values)  # type: ignore[arg-type]
+    return EpisodeRecord(Family.BENCH.world(k), 0, outcome, *values)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -135,14 +136,14 @@ def test_a_policy_is_driven_in_the_block_of_the_bench() -> None:
     looked: list[int] = []
 
     def watch(world: Navigation) -> None:
-        looked.append(world.world_id - TEST_WORLD)
+        looked.append(episode_of(world.world_id))
 
     again = replay.drive([6, 2], watch=watch)
     assert blocks == [list(range(BLOCK))]
     assert set(looked) == {2, 6}
     contender = replay.contender
-    runner = EpisodeRunner(contender.source, replay.config)
-    bench = {r.world - TEST_WORLD: r for r in runner(range(BLOCK))}
+    runner = EpisodeRunner(contender.source, replay.config, family=Family.BENCH)
+    bench = {episode_of(r.world): r for r in runner(range(BLOCK))}
     assert [d.record for d in again] == [bench[6], bench[2]]
 
 

@@ -12,8 +12,8 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from lndrl.evaluation.benchmark import Drive
-from lndrl.evaluation.episodes import TEST_WORLD
 from lndrl.navigation import EpisodeRecord
+from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.view.palette import OUTCOME
 from lndrl.view.pictures.activations import Activations, activations_figure, save_activations
@@ -38,7 +38,7 @@ def drive(world: Callable[..., Any]) -> Make:
         return Drive(
             method=method,
             scenario=scenario,
-            record=EpisodeRecord(TEST_WORLD + episode, 0, outcome, *values),  # type: ignore[arg-type]
+            record=EpisodeRecord(Family.BENCH.world(episode), 0, outcome, *values),  # type: ignore[arg-type]
             hit="wall" if outcome == "collided" else "",
             time=time,
             pose_true=true,
