@@ -130,7 +130,8 @@ def _world(
     if scenarios == []:
         raise UserError("--scenario: name one or more, with commas between")
     if own_world:
-        configs = [settings_for(source, name) for name in scenarios or [None]]
+        chosen: list[str | None] = [*scenarios] if scenarios else [None]
+        configs = [settings_for(source, name) for name in chosen]
         configs = [config.model_copy(update={"seed": seed}) for config in configs]
         words = "the world that it was trained in" if source.config else "the world of lndrl.yaml"
     else:

@@ -171,7 +171,8 @@ def figures_of(trace: Trace) -> Floats:
     slow, fast = trace.column("slow_average"), trace.column("fast_average")
     ratio = np.full(len(slow), np.nan)
     np.divide(fast, slow, out=ratio, where=slow > 0.0)
-    injected = (slow == 0.0).astype(np.float64)
+    # Before the first update they are 0 as well.
+    injected = ((slow == 0.0) & np.logical_or.accumulate(slow > 0.0)).astype(np.float64)
     columns = (*errors(trace), trace.column("particles"), slow, fast, ratio, injected)
     return np.stack([*columns, trace.column("second_cluster")], axis=1)
 
@@ -201,13 +202,15 @@ class Typical(NamedTuple):
 
 def typical(values: Floats) -> list[Typical]:
     """Of every column of ``values`` (n, columns); NaN is left out."""
-    columns = (column[np.isfinite(column)] for column in values.T)
-    return [
-        Typical(*(float(q) for q in np.percentile(column, (25, 50, 75))), float(column.mean()))
-        if len(column)
-        else Typical(np.nan, np.nan, np.nan, np.nan)
-        for column in columns
-    ]
+    found = []
+    for column in values.T:
+        known = column[np.isfinite(column)]
+        if len(known):
+            low, median, high = (float(q) for q in np.percentile(known, (25, 50, 75)))
+            found.append(Typical(low, median, high, float(known.mean())))
+        else:
+            found.append(Typical(np.nan, np.nan, np.nan, np.nan))
+    return found
 
 
 def usual_figures(traces: Sequence[Trace]) -> tuple[list[Typical], int]:

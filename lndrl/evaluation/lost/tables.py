@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 from rich.table import Table
 
@@ -114,7 +115,7 @@ def _figures(each: Sequence[Typical]) -> list[str]:
         if math.isnan(figure.median):
             found.append("–")
         elif name == "injected":
-            found.append(f"{100.0 * figure.mean:.0f} %")  # a median of 0 and 1 tells nothing
+            found.append(f"{100.0 * figure.mean:.1f} %")  # a median of 0 and 1 tells nothing
         elif name == "second_cluster":
             low, middle, high = (f"{value:.{digits}f}" for value in figure[:3])
             found.append(middle if low == high else f"{middle} ({low}–{high})")
@@ -142,7 +143,7 @@ def bin_names(risk: str) -> list[str]:
         pairs = zip((0, *edges[:-1]), edges, strict=True)
         whole = [f"{low}" if high == low + 1 else f"{low}–{int(high) - 1}" for low, high in pairs]
         return [*whole, f"{edges[-1]} or more"]
-    between = [f"{low:g}–{high:g}" for low, high in zip(edges, edges[1:], strict=False)]
+    between = [f"{low:g}–{high:g}" for low, high in pairwise(edges)]
     return [f"< {edges[0]:g}", *between, f"≥ {edges[-1]:g}"]
 
 
