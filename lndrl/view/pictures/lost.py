@@ -179,8 +179,8 @@ def _draw_losses(losses: Sequence[Loss], axes: Axes) -> None:
             zorder=3,
         )
     )
-    x, y = zip(*(end for _, end in lines), strict=True)
-    axes.scatter(x, y, s=11, color=BELIEF, linewidths=0, alpha=alpha, zorder=4)
+    believed = list(zip(*(end for _, end in lines), strict=True))
+    axes.scatter(believed[0], believed[1], s=11, color=BELIEF, linewidths=0, alpha=alpha, zorder=4)
     for kind, face in (("jump", _PINK), ("drift", PAPER)):
         x = [loss.x for loss in losses if loss.kind == kind]
         y = [loss.y for loss in losses if loss.kind == kind]
