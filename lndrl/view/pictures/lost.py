@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lndrl.evaluation.lost import Hazard, Loss, LostReport
 
 _WIDTH, _MARGIN, _GAP = 11.4, 0.25, 0.3  # inches
-_HEAD, _NAME, _CHART, _AXIS, _SIDE, _LEGEND = 0.42, 0.3, 1.9, 0.62, 0.5, 0.4  # inches
+_HEAD, _NAME, _CHART, _AXIS, _SIDE, _LEGEND = 0.42, 0.3, 1.9, 0.62, 0.68, 0.4  # inches
 _COLUMNS = 3
 _WIDEST = 7.5  # inches; one map alone need not fill the page
 _TALLEST = 1.25  # of a map's width; taller ones become narrower

@@ -27,6 +27,7 @@ def room(name: str, size: tuple[float, float] = (12.0, 8.0)) -> Scenario:
         {
             "name": name,
             "size": size,
+            "pedestrians": {"count": [0, 0]},
             "robot": [
                 {
                     "start": [1, 1, 2, height - 1],
