@@ -106,6 +106,9 @@ def test_masses_of_the_two_heaviest_clusters_match_their_twin(seed):
 
 def test_masses_where_there_is_one_cluster_or_none():
     assert masses(np.zeros((5, 3)), np.full(5, 0.2)) == pytest.approx([1.0, 0.0])
+    touching = np.array([[0.4, 0.0, 0.0], [0.6, 0.0, 0.0], [0.6, 0.0, 0.0], [9.0, 0.0, 0.0]])
+    assert masses(touching[:3], np.ones(3)) == pytest.approx([1.0, 0.0])
+    assert masses(touching, np.ones(4)) == pytest.approx([0.75, 0.25])
     assert masses(np.zeros((5, 3)), np.zeros(5)) == pytest.approx([0.0, 0.0])
     assert masses(np.zeros((0, 3)), np.zeros(0)) == pytest.approx([0.0, 0.0])
 

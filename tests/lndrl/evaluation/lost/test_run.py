@@ -14,7 +14,8 @@ from lndrl.evaluation.lost import AHEAD, Limits, Trace, trace_episodes
 from lndrl.evaluation.lost.record import people_ahead
 from lndrl.evaluation.lost.summary import errors, loss_of
 from lndrl.navigation import Navigation
-from lndrl.planners import planner_source
+from lndrl.planners import PlannerSource, planner_source
+from lndrl.policy import initial_weights
 
 EPISODES = 11
 
@@ -79,6 +80,16 @@ def test_scenarios_come_in_their_order(config: RunConfig) -> None:
     found = trace_episodes(planner_source("straight"), [other, config], 2, workers=2)
     assert [(t.scenario, t.episode) for t in found] == [
         ("other", 0), ("other", 1), ("room", 0), ("room", 1)]  # fmt: skip
+
+
+def test_a_policy_is_watched_in_the_blocks_that_it_is_evaluated_in() -> None:
+    small = {"map_channels": [2, 2, 2], "features": 8, "goal_features": 4}
+    config = configuration()
+    config = RunConfig.model_validate({**config.model_dump(), "network": small})
+    learned = PlannerSource("learned", config, initial_weights(config))
+    records = evaluate(learned, config, 3, config.seed).records
+    found = trace_episodes(learned, [config], 3)
+    assert [(t.outcome, t.steps) for t in found] == [(r.outcome, r.steps) for r in records]
 
 
 def test_what_is_noted_is_what_happened(config: RunConfig, traces: list[Trace]) -> None:

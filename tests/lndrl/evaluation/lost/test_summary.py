@@ -55,11 +55,11 @@ def test_a_jump_is_near_one_report_before(
 
 
 def test_which_limit_was_passed() -> None:
-    turned_away = {"yaw_estimated": [0.0, 0.1, 1.0]}
+    away = [0.0, 0.1, 1.0]
     cases = {
         "distance": trace_of("lost", [0.0, 0.0, 2.5]),
-        "angle": trace_of("lost", [0.0, 0.0, 1.9], **turned_away),
-        "both": trace_of("lost", [0.0, 0.0, 2.5], **turned_away),
+        "angle": trace_of("lost", [0.0, 0.0, 1.9], yaw_estimated=away),
+        "both": trace_of("lost", [0.0, 0.0, 2.5], yaw_estimated=away),
     }
     for limit, trace in cases.items():
         assert loss_of(trace, AT_ONCE).limit == limit
@@ -176,6 +176,8 @@ def test_a_step_counts_with_the_moment_that_its_report_describes() -> None:
     assert exposure.lost.tolist() == [False] * 7 + [True]
     assert exposure.place.tolist() == [0] * 4 + [1] * 4
     assert exposure.x[-1] == 1.5  # where the report was made
+    judged_at_once = trace_of("lost", [0.0, 0.0, 0.0, 0.0, 9.0])
+    assert exposure_of([judged_at_once], ["room"], ONE_LATE).x.tolist() == [0.0, 0.5, 1.0, 2.0]
     at_once = exposure_of([kept], ["room"], AT_ONCE)
     assert at_once.echoes == pytest.approx([0.2, 0.3, 0.4, 0.5])
 

@@ -70,9 +70,8 @@ def test_maps_do_not_lie_on_each_other() -> None:
 
 def test_a_loss_is_marked_where_the_robot_was(tmp_path: Path) -> None:
     (axes, *_) = lost_figure(report(["room"]), [room("room")]).axes
-    places = np.concatenate(
-        [c.get_offsets() for c in axes.collections if len(c.get_offsets()) == 3]
-    )
+    drawn = [np.asarray(collection.get_offsets()) for collection in axes.collections]
+    places = np.concatenate([offsets for offsets in drawn if len(offsets) == 3])
     assert [6.0, 3.0] in places.tolist()  # the moment of the report, half a metre a step
     save_lost(report(["room"]), [room("room")], tmp_path / "lost.png")
     with Image.open(tmp_path / "lost.png") as image:
