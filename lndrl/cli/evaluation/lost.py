@@ -75,8 +75,8 @@ def lost(
 ) -> None:
     """Say why a planner or policy gets lost.
 
-    Whether the filter jumps or drifts, what it was like in the ten control steps before, and how
-    the hazard depends on turning, echoes, people and place.
+    How: by a jump of the filter or a drift. When: the ten control steps before. Where: the hazard
+    by turning, echoes, people and place.
     """
     if out is not None:
         check_picture(out)

@@ -97,12 +97,12 @@ def _before(report: LostReport) -> Table:
     table = _table(
         f"before the loss: medians over {counted(len(report.losses), 'lost episode')}",
         (
-            "control step", "off (m)", "off (rad)", "particles", "slow", "fast", "fast/slow",
-            "injected", "second cluster",
+            "step", "off (m)", "off (rad)", "particles", "slow", "fast", "fast/slow",
+            "injected", "2nd cluster",
         ),
     )  # fmt: skip
     for step, each in enumerate(report.typical_before):
-        table.add_row("the loss" if step == BEFORE else f"{step - BEFORE}", *_figures(each))
+        table.add_row("loss" if step == BEFORE else f"{step - BEFORE}", *_figures(each))
     usual, _ = report.usual
     table.add_section()
     table.add_row("not lost", *_figures(usual))
@@ -116,9 +116,6 @@ def _figures(each: Sequence[Typical]) -> list[str]:
             found.append("–")
         elif name == "injected":
             found.append(f"{100.0 * figure.mean:.1f} %")  # a median of 0 and 1 tells nothing
-        elif name == "second_cluster":
-            low, middle, high = (f"{value:.{digits}f}" for value in figure[:3])
-            found.append(middle if low == high else f"{middle} ({low}–{high})")
         else:
             found.append(f"{figure.median:.{digits}f}")
     return found

@@ -65,7 +65,7 @@ def test_tables_and_picture(here: Path) -> None:
     )
     assert result.exit_code == 0, result.output
     for words in ("random on the world of slippery.yaml", "before the loss: medians over",
-                  "second cluster", "turned in the last 12 steps", "people ahead", "other",
+                  "2nd cluster", "turned in the last 12 steps", "people ahead", "other",
                   "of 18 episodes were lost", "limits passed (2 m, 0.79 rad)"):  # fmt: skip
         assert words in result.output, words
     with Image.open(picture) as image:
