@@ -38,6 +38,7 @@ _WIDEST = 7.5  # inches; one map alone need not fill the page
 _TALLEST = 1.25  # of a map's width; taller ones become narrower
 _PRIOR = 250  # steps at the mean hazard that every cell begins with
 _DARKEST = 3.0  # times the mean hazard
+_FEW = 0.02  # of all steps; bins with fewer have no say in the scale
 _PINK = OUTCOME["lost"]
 _PLACES = "scenario"
 
@@ -206,10 +207,7 @@ def _draw_charts(report: LostReport, figure: Figure, bottom: float, height: floa
     gap = 0.3
     room = _WIDTH - _MARGIN - _SIDE - (len(charts) - 1) * gap
     bins = sum(len(names) for _, names, _ in charts)
-    # One scale for all: a bin with next to no steps must not flatten what is known.
-    known = [h.interval[1] for _, _, hazards in charts for h in hazards if h.interval and h.lost]
-    highest = 1.15 * max([h.rate or 0.0 for _, _, hs in charts for h in hs])
-    highest = max(highest, min(max(known, default=0.0), 2.0 * highest), _upper(report.hazard))
+    highest = _highest(report, charts)
     left = _SIDE
     for i, (name, names, hazards) in enumerate(charts):
         # Wider where there are more bins, yet wide enough for a title.
@@ -223,6 +221,15 @@ def _draw_charts(report: LostReport, figure: Figure, bottom: float, height: floa
         else:
             axes.tick_params(labelleft=False)
         left += wide + gap
+
+
+def _highest(report: LostReport, charts: Sequence[tuple[str, list[str], list[Hazard]]]) -> float:
+    """Top of all charts: a bin with next to no steps must not flatten what is known."""
+    least = _FEW * report.hazard.steps
+    known = [h for _, _, hazards in charts for h in hazards if h.steps > least and h.interval]
+    rates = 1.15 * max((h.rate or 0.0 for h in known), default=0.0)
+    bounds = max((h.interval[1] for h in known if h.lost and h.interval), default=0.0)
+    return max(rates, min(bounds, 2.0 * rates), _upper(report.hazard))
 
 
 def _draw_hazards(
@@ -245,7 +252,11 @@ def _draw_hazards(
         least, most = hazards[i].interval or (0.0, 0.0)
         axes.plot([i, i], [least, most], color=BLUE, linewidth=1.4, alpha=0.75, zorder=3)
         size = 12.0 + 120.0 * hazards[i].steps / max(mean.steps, 1)
-        axes.scatter([i], [rate], s=size, color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=4)
+        off = rate > highest  # an arrow says that it is up there
+        axes.scatter(
+            [i], [0.96 * highest if off else rate], s=24.0 if off else size,
+            marker="^" if off else "o", color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=4,
+        )  # fmt: skip
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(-0.03 * highest, highest)
     turned = max(map(len, names)) > 6

@@ -80,6 +80,16 @@ def test_a_loss_is_marked_where_the_robot_was(tmp_path: Path) -> None:
     assert (np.abs(pixels - pink).max(axis=1) < 4).sum() > 20
 
 
+def test_a_bin_with_next_to_no_steps_does_not_flatten_the_rest() -> None:
+    """One loss in two steps among no echoes; an arrow at the top stands for it."""
+    traces = [trace_of("arrived", [0.1] * 2001, echoes=0.9), trace_of("lost", [0.1, 0.1, 9.0])]
+    limits = Limits(2.0, math.pi / 4)
+    made = LostReport("dwa", "the world of a bench", 0, ("room",), limits, traces)
+    echoes = lost_figure(made, [room("room")]).axes[2]
+    assert made.to_dict()["hazard_by"]["echoes"][0]["per_1000"] == 500.0
+    assert 0.5 < echoes.get_ylim()[1] < 10.0
+
+
 def test_nobody_lost_and_layouts_without_a_map_are_drawn() -> None:
     names = ["room", "random"]
     scenarios = [room("room"), load_scenario("random")]
