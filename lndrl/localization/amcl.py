@@ -29,6 +29,7 @@ from lndrl.localization.belief import (
     make_settings,
 )
 from lndrl.localization.bins import Bins, make_bins
+from lndrl.localization.clusters import two_heaviest
 from lndrl.localization.confidence import cluster_spread
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.motion import scatter_correlated
@@ -148,6 +149,25 @@ class AMCL:
     def cluster_weight(self) -> float:
         """Share of the weight that the heaviest cluster holds; computed when asked for."""
         return self._cluster()[1]
+
+    @property
+    def averages(self) -> Vector:
+        """View ``(2,)`` of the slow and the fast average of how well scans fit (Thrun's w_slow,
+        w_fast); random particles come when the second falls below the first. Both are 0 before the
+        first update and, by ROS's rule, after an update that injected.
+        """
+        return self._belief.averages
+
+    def cluster_masses(self) -> tuple[float, float]:
+        """Shares of the weight in the heaviest and the second heaviest cluster as they are now; 0
+        where there is none. Changes nothing that an update reads.
+        """
+        belief, numbers = self._belief, self._belief.numbers
+        count = numbers[COUNT]
+        k = fill_bins(belief.particles[numbers[CURRENT]], count, self._scratch, self._bins)
+        masses = np.zeros(2)
+        two_heaviest(belief.weights, count, self._scratch.bin_of, self._bins, k, masses)
+        return float(masses[0]), float(masses[1])
 
     def _cluster(self) -> tuple[Vector, float]:
         belief, numbers = self._belief, self._belief.numbers

@@ -63,6 +63,32 @@ def heaviest(bins, k):
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def two_heaviest(weights, count, bin_of, bins, k, masses):
+    """Write the shares of the weight in the heaviest and the second heaviest cluster to ``masses``.
+
+    ``masses`` is (2,). ``bin_of`` names the bin of each of ``count`` particles among the ``k`` of
+    ``bins``, whose sums are empty, as ``fill_bins`` leaves them. 0 where there is no such cluster.
+    """
+    masses[:] = 0.0
+    k = min(k, bins.key.size)
+    everything = 0.0
+    for i in range(min(count, weights.size, bin_of.size)):
+        if 0 <= bin_of[i] < k:
+            bins.sums[0, bin_of[i]] += weights[i]
+            everything += weights[i]
+    if not everything > 0.0:
+        return
+    connect(bins, k)
+    best = heaviest(bins, k)
+    second = 0.0
+    for b in range(k):
+        if bins.parent[b] == b and b != best:
+            second = max(second, bins.sums[0, b])
+    masses[0] = bins.sums[0, best] / everything
+    masses[1] = second / everything
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def estimate(particles, weights, count, bin_of, bins, k, pose, covariance):
     """Write ``pose`` (3,) and ``covariance`` (3, 3) of ``count`` weighted particles.
 

@@ -21,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
+from lndrl.maps.grid import OccupancyGrid
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.view.palette import (
     BELIEF,
@@ -110,7 +111,7 @@ def _beam_ends(snapshot: WorldSnapshot, ranges: NDArray[np.float64]) -> NDArray[
     return np.asarray(snapshot.pose_true[:2] + ranges[:, None] * unit, np.float64)
 
 
-def draw_floor(snapshot: WorldSnapshot, axes: Axes) -> None:
+def draw_floor(snapshot: WorldSnapshot | OccupancyGrid, axes: Axes) -> None:
     """Draw floor and walls."""
     rows, columns = snapshot.occupied.shape
     x, y = snapshot.origin

@@ -151,6 +151,17 @@ def test_localization_begins_again(here: Path, ctrl_c, told) -> None:
     assert not Path("loc.md").exists()
 
 
+def test_lost_begins_again(here: Path, ctrl_c, told) -> None:
+    ctrl_c(3)
+    command = "lost random --scenario room.yaml --episodes 8 --workers 0 --out a.png".split()
+    out, line = told(command)
+    assert out == "" and not Path("a.png").exists()
+    assert line.startswith("stopped: 3 of 8 episodes have ended, ")
+    assert line.endswith(
+        f" of them lost, and are not kept; begin again with: {shlex.join(['lndrl', *command])}"
+    )
+
+
 @pytest.mark.parametrize(
     ("command", "words"),
     [

@@ -17,7 +17,7 @@ from lndrl.extensions import PARTS_FOLDER
 
 COMMANDS = (
     "actor", "learner", "train", "train-all", "sweep", "evaluate", "play", "benchmark",
-    "calibrate", "scenarios", "localization",
+    "calibrate", "scenarios", "localization", "lost",
 )  # fmt: skip
 
 

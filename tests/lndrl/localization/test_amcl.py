@@ -17,6 +17,8 @@ CONFIG = LocalizationConfig()
 BEARINGS = np.linspace(-math.pi / 2, math.pi / 2, 720)[::12].astype(np.float32)
 RESOLUTION = 0.1
 START = np.array([4.0, 4.0, 0.0])
+# A filter that soon has several clusters.
+WILD = {"initial_deviation_xy": 2.0, "initial_deviation_yaw": 1.0}
 
 
 def cluttered_grid():
@@ -235,6 +237,26 @@ def test_kidnapping_raises_the_variance_and_is_recovered_sometimes():
     # Without injection the cloud stays where it was and stays sure of itself.
     _, wildest, error = kidnap(0, alpha_fast=0.0)
     assert wildest < 0.1 and error > 1.0
+
+
+def test_looking_at_clusters_and_averages_changes_nothing():
+    watched, left_alone = (
+        started(7, LocalizationConfig(**WILD)),
+        started(7, LocalizationConfig(**WILD)),
+    )
+    assert AMCL(FIELD, CONFIG, LASER).cluster_masses() == (0.0, 0.0)
+    split = 0
+    for _, odometry, scan in LOG:
+        for amcl in (watched, left_alone):
+            amcl.update(odometry, scan, BEARINGS)
+        first, second = watched.cluster_masses()
+        assert first == pytest.approx(left_alone.cluster_weight)
+        assert 0.0 <= second <= first and first + second <= 1.0 + 1e-12
+        split += second > 0.0
+        for mine, theirs in zip(watched.snapshot(), left_alone.snapshot(), strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    assert split > 5
+    np.testing.assert_array_equal(watched.averages, watched.snapshot().averages)
 
 
 def test_resample_interval_keeps_weights_between():

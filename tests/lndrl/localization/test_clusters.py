@@ -9,12 +9,12 @@ import pytest
 
 from lndrl.config import LocalizationConfig
 from lndrl.localization.bins import bin_keys, insert, make_bins
-from lndrl.localization.clusters import estimate
+from lndrl.localization.clusters import estimate, two_heaviest
 
 CONFIG = LocalizationConfig(min_particles=1, max_particles=3000)
 
 
-def kernel(poses, weights):
+def binned(poses):
     count = len(poses)
     yaw = poses[:, 2]
     rows = np.array([*poses.T, np.cos(yaw), np.sin(yaw)])
@@ -24,18 +24,30 @@ def kernel(poses, weights):
     k = 0
     for i in range(count):
         bin_of[i], k = insert(keys[i], bins, k)
+    return rows, bin_of, bins, k
+
+
+def kernel(poses, weights):
+    rows, bin_of, bins, k = binned(poses)
     pose, covariance = np.zeros(3), np.full((3, 3), np.nan)
-    estimate(rows, weights, count, bin_of, bins, k, pose, covariance)
+    estimate(rows, weights, len(poses), bin_of, bins, k, pose, covariance)
     return pose, covariance
 
 
-def twin(poses, weights):
-    """Flood fill over occupied bins in a dictionary; plain formulas."""
+def masses(poses, weights):
+    _, bin_of, bins, k = binned(poses)
+    found = np.full(2, np.nan)
+    two_heaviest(weights, len(poses), bin_of, bins, k, found)
+    return found
+
+
+def clusters_of(poses):
+    """Indices of every cluster's members: flood fill over occupied bins in a dictionary."""
     members: dict[tuple[int, int, int], list[int]] = {}
     for i, (x, y, yaw) in enumerate(poses):
         turn = int((yaw + math.pi) // math.radians(10.0))
         members.setdefault((math.floor(x / 0.5), math.floor(y / 0.5), min(turn, 35)), []).append(i)
-    best: list[int] = []
+    found: list[list[int]] = []
     open_bins = set(members)
     while open_bins:
         stack, cluster = [open_bins.pop()], []
@@ -49,8 +61,13 @@ def twin(poses, weights):
                         if other in open_bins:
                             open_bins.remove(other)
                             stack.append(other)
-        if not best or weights[cluster].sum() > weights[best].sum():
-            best = cluster
+        found.append(cluster)
+    return found
+
+
+def twin(poses, weights):
+    """Plain formulas over the heaviest cluster and over all."""
+    best = max(clusters_of(poses), key=lambda cluster: weights[cluster].sum())
     w = weights[best] / weights[best].sum()
     direction = (w * np.exp(1j * poses[best, 2])).sum()
     pose = np.array([*(w @ poses[best, :2]), np.angle(direction)])
@@ -61,8 +78,8 @@ def twin(poses, weights):
     return pose, covariance
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_matches_twin_on_scattered_clouds(seed):
+def scattered(seed):
+    """Six clouds, some of which touch, and uneven weights."""
     rng = np.random.default_rng(seed)
     blobs = [
         np.column_stack(
@@ -76,7 +93,38 @@ def test_matches_twin_on_scattered_clouds(seed):
     ]
     poses = np.vstack(blobs)
     poses[:, 2] = (poses[:, 2] + math.pi) % (2 * math.pi) - math.pi
-    weights = rng.uniform(0.5, 1.5, len(poses))
+    return poses, rng.uniform(0.5, 1.5, len(poses))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_masses_of_the_two_heaviest_clusters_match_their_twin(seed):
+    poses, weights = scattered(seed)
+    sums = sorted((weights[cluster].sum() for cluster in clusters_of(poses)), reverse=True)
+    expected = np.array([*sums, 0.0])[:2] / weights.sum()
+    assert masses(poses, weights) == pytest.approx(expected, abs=1e-12)
+
+
+def test_masses_where_there_is_one_cluster_or_none():
+    assert masses(np.zeros((5, 3)), np.full(5, 0.2)) == pytest.approx([1.0, 0.0])
+    touching = np.array([[0.4, 0.0, 0.0], [0.6, 0.0, 0.0], [0.6, 0.0, 0.0], [9.0, 0.0, 0.0]])
+    assert masses(touching[:3], np.ones(3)) == pytest.approx([1.0, 0.0])
+    assert masses(touching, np.ones(4)) == pytest.approx([0.75, 0.25])
+    assert masses(np.zeros((5, 3)), np.zeros(5)) == pytest.approx([0.0, 0.0])
+    assert masses(np.zeros((0, 3)), np.zeros(0)) == pytest.approx([0.0, 0.0])
+
+
+def test_masses_never_leave_their_arrays():
+    poses, weights = scattered(0)
+    _, bin_of, bins, k = binned(poses)
+    bin_of[::3], bin_of[1::3] = -1, 2**31 - 1
+    found = np.zeros(2)
+    two_heaviest(weights, len(poses) + 100, bin_of, bins, k + 10_000, found)
+    assert 0.0 <= found[1] <= found[0] <= 1.0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_matches_twin_on_scattered_clouds(seed):
+    poses, weights = scattered(seed)
     pose, covariance = kernel(poses, weights)
     expected_pose, expected_covariance = twin(poses, weights)
     assert pose == pytest.approx(expected_pose, abs=1e-9)

@@ -1,0 +1,93 @@
+"""Driving episodes of a planner in several scenarios, and watching how it gets lost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+from lndrl.config import RunConfig
+from lndrl.errors import UserError
+from lndrl.evaluation.episodes import EpisodeRunner
+from lndrl.evaluation.lost.record import Recorder, Trace
+from lndrl.evaluation.pool import Work, run_tasks
+from lndrl.evaluation.runner import BLOCK
+from lndrl.planners import PlannerSource
+
+
+@dataclass(frozen=True)
+class Task:
+    """One block of episodes in a scenario; ``place`` indexes the configurations."""
+
+    place: int
+    episodes: range
+
+
+def trace_episodes(
+    source: PlannerSource,
+    configs: Sequence[RunConfig],
+    episodes: int,
+    workers: int = 0,
+    greedy: bool = False,
+    progress: Callable[[Trace], None] | None = None,
+) -> list[Trace]:
+    """Drive ``episodes`` episodes under each of ``configs``, one of each scenario, in this order.
+
+    ``workers`` processes share the work, 0 keeps it in this one; the result is the same.
+    ``progress`` gets each trace as its episode ends, in any order. Ctrl-C leaves no process.
+
+    Raises UserError for perfect localization, for a planner that cannot be built, for an impossible
+    scenario, and when a worker dies.
+    """
+    for config in configs:
+        check_localization(config)
+    tasks = [
+        Task(place, range(first, min(first + BLOCK, episodes)))
+        for place in range(len(configs))
+        for first in range(0, episodes, BLOCK)
+    ]
+    found: list[tuple[int, Trace]] = []
+    arguments = (source, tuple(configs), greedy)
+    with closing(run_tasks(_make_work, arguments, tasks, min(workers, len(tasks)))) as results:
+        for place, trace in results:
+            found.append((place, trace))
+            if progress is not None:
+                progress(trace)
+    found.sort(key=lambda each: (each[0], each[1].episode))
+    return [trace for _, trace in found]
+
+
+def check_localization(config: RunConfig) -> None:
+    """Raise UserError where there is nothing to find out."""
+    if config.localization.kind == "perfect":
+        raise UserError(
+            "localization: kind is perfect, and nobody gets lost who is told the truth; "
+            "ask about a planner whose filter is amcl"
+        )
+
+
+class _Watched:
+    """A worker: keeps the runner of the scenario at hand, because tasks come one after another."""
+
+    def __init__(self, source: PlannerSource, configs: tuple[RunConfig, ...], greedy: bool) -> None:
+        self._source, self._configs, self._greedy = source, configs, greedy
+        self._place = -1
+        self._runner: EpisodeRunner | None = None
+
+    def __call__(self, task: Task) -> Iterator[tuple[int, Trace]]:
+        config = self._configs[task.place]
+        if self._runner is None or task.place != self._place:
+            self._runner = EpisodeRunner(self._source, config, self._greedy)
+            self._place = task.place
+        recorder = Recorder(task.episodes, config)
+        for record in self._runner(task.episodes, recorder):
+            yield task.place, recorder.trace(record)
+
+
+def _make_work(source: PlannerSource, configs: tuple[RunConfig, ...], greedy: bool) -> Work:
+    if source.weights is not None:
+        import torch
+
+        # Workers share the cores by being many, and sums rounded alike need as many threads.
+        torch.set_num_threads(1)
+    return _Watched(source, configs, greedy)
