@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from scipy.stats import beta
 
-from lndrl.evaluation.wilson import wilson_interval
+from lndrl.evaluation.poisson import poisson_interval
 from lndrl.navigation import EpisodeRecord
 
 STEPS = 1000
@@ -37,9 +37,11 @@ class Hazard:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson 95 % interval ``(low, high)``: a step ends an episode lost, or it does not."""
-        low, high = wilson_interval(self.count, self.steps)
-        return STEPS * low, STEPS * high
+        """Exact Poisson 95 % interval ``(low, high)``; of no steps nothing is known."""
+        if not self.steps:
+            return 0.0, math.inf
+        low, high = poisson_interval(self.count)
+        return STEPS * low / self.steps, STEPS * high / self.steps
 
 
 def hazard_ratio(first: Hazard, second: Hazard) -> tuple[float | None, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""Running the search for the bench's readings: rounds that drop what is excluded, then judgement."""
+"""Running the search for the bench's readings: rounds that drop the excluded, then judgement."""
 
 from __future__ import annotations
 
@@ -116,6 +116,6 @@ def check_planners(spec: SearchSpec) -> None:
         if found != frozen:
             raise UserError(
                 f"calibration: planner {name} has changed: what it does has the hash {found}, "
-                f"frozen is {frozen}; a world must not be judged by a planner made for it: undo the "
-                "change, or freeze the new hash and search anew under another --name"
+                f"frozen is {frozen}; a world must not be judged by a planner made for it: undo "
+                "the change, or freeze the new hash and search anew under another --name"
             )

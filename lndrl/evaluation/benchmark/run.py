@@ -23,7 +23,6 @@ from lndrl.navigation import EpisodeRecord, build_surroundings
 from lndrl.navigation.families import Family
 from lndrl.version import VERSION
 
-
 _PLACES = 8
 """Places that a worker keeps: the bench's five and some more, some megabytes each."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -19,17 +21,20 @@ def test_a_hazard_counts_all_steps_and_the_lost_alone() -> None:
     records = [record("lost", 30), record("arrived", 60), record("collided", 10)]
     assert Hazard.of(records) == Hazard(1, 100)
     assert Hazard.of(records).value == 10.0
-    assert Hazard(0, 0).value == 0.0 and Hazard(0, 0).interval == (0.0, 1000.0)
+    assert Hazard(0, 0).value == 0.0 and Hazard(0, 0).interval == (0.0, math.inf)
+
+
+def test_none_lost_is_an_upper_limit_too() -> None:
+    assert Hazard(0, 1000).interval == pytest.approx((0.0, 3.69), abs=0.01)
+    assert Hazard(10, 2000).interval == pytest.approx((2.40, 9.20), abs=0.01)
 
 
 def test_a_ratio_divides_hazards_not_counts() -> None:
     value, (low, high) = hazard_ratio(Hazard(10, 1000), Hazard(20, 4000))
     assert value == pytest.approx(2.0) and 0 < low < 2.0 < high
     assert hazard_ratio(Hazard(3, 100), Hazard(0, 100))[0] is None
-    assert hazard_ratio(Hazard(0, 100), Hazard(5, 100)) == (
-        0.0,
-        pytest.approx((0.0, 1.09), abs=0.01),
-    )
+    value, interval = hazard_ratio(Hazard(0, 100), Hazard(5, 100))
+    assert value == 0.0 and interval == pytest.approx((0.0, 1.09), abs=0.01)
 
 
 def test_the_ratios_interval_holds_what_it_promises() -> None:

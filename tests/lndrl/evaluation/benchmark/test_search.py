@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -27,6 +28,7 @@ from lndrl.evaluation.benchmark.search import (
 )
 from lndrl.models import validate
 from lndrl.navigation import EpisodeRecord
+from lndrl.navigation.episode import Outcome
 from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import behaviour_hash
@@ -69,9 +71,9 @@ def made_row(
     parts = dict.fromkeys(REWARD_PARTS, 0.0)
     records = {
         ("sparse", k): EpisodeRecord(
-            Family.CALIBRATION.world(k), 0, outcome, steps, time + 0.1 * (k % 3 - 1), 11.19,
-            error, 0.1257, 0.5144, 0.0, parts,
-        )  # type: ignore[arg-type]
+            Family.CALIBRATION.world(k), 0, cast(Outcome, outcome), steps,
+            time + 0.1 * (k % 3 - 1), 11.19, error, 0.1257, 0.5144, 0.0, parts,
+        )
         for k, outcome in enumerate(outcomes)
     }  # fmt: skip
     return Row(method, ("sparse",), records)
