@@ -3,7 +3,7 @@
 from lndrl.evaluation.lost.record import AHEAD, COLUMNS, Recorder, Trace
 from lndrl.evaluation.lost.report import LostReport
 from lndrl.evaluation.lost.run import check_localization, trace_episodes
-from lndrl.evaluation.lost.summary import CELL, RISKS, Cell, Hazard, Limits, Loss
+from lndrl.evaluation.lost.summary import CELL, RISKS, Cell, Limits, Loss
 from lndrl.evaluation.lost.tables import RISK_NAMES, bin_names, lost_tables, summary_lines
 
 __all__ = [
@@ -13,7 +13,6 @@ __all__ = [
     "RISKS",
     "RISK_NAMES",
     "Cell",
-    "Hazard",
     "Limits",
     "Loss",
     "LostReport",

@@ -11,6 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from lndrl.evaluation.hazard import Hazard
 from lndrl.evaluation.lost.record import AHEAD, Floats, Trace
 from lndrl.evaluation.lost.summary import (
     BEFORE,
@@ -21,7 +22,6 @@ from lndrl.evaluation.lost.summary import (
     TURNED_STEPS,
     Cell,
     Exposure,
-    Hazard,
     Kind,
     Limit,
     Limits,
@@ -68,7 +68,7 @@ class LostReport:
     @property
     def hazard(self) -> Hazard:
         """Over everything."""
-        return Hazard(len(self.exposure.lost), len(self.losses))
+        return Hazard(len(self.losses), len(self.exposure.lost))
 
     def hazards(self, risk: str) -> list[Hazard]:
         """By one of ``RISKS``, bin by bin."""
@@ -77,7 +77,7 @@ class LostReport:
     def hazard_in(self, scenario: str) -> Hazard:
         """In one scenario."""
         here = self.exposure.place == self.scenarios.index(scenario)
-        return Hazard(int(here.sum()), int(self.exposure.lost[here].sum()))
+        return Hazard(int(self.exposure.lost[here].sum()), int(here.sum()))
 
     def cells(self, scenario: str) -> list[Cell]:
         """By place within one scenario."""
@@ -180,12 +180,11 @@ class LostReport:
 
 def hazard_dict(hazard: Hazard) -> dict[str, Any]:
     """As plain types."""
-    interval = hazard.interval
     return {
         "steps": hazard.steps,
-        "lost": hazard.lost,
-        "per_1000": hazard.rate,
-        "interval": None if interval is None else list(interval),
+        "lost": hazard.count,
+        "per_1000": hazard.value if hazard.steps else None,
+        "interval": list(hazard.interval) if hazard.steps else None,
     }
 
 

@@ -12,6 +12,7 @@ from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.lost.record import Recorder, Trace
 from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.runner import BLOCK
+from lndrl.navigation.families import Family
 from lndrl.planners import PlannerSource
 
 
@@ -31,7 +32,7 @@ def trace_episodes(
     greedy: bool = False,
     progress: Callable[[Trace], None] | None = None,
 ) -> list[Trace]:
-    """Drive ``episodes`` episodes under each of ``configs``, one of each scenario, in this order.
+    """Drive ``episodes`` validation episodes under each of ``configs``, one of each scenario.
 
     ``workers`` processes share the work, 0 keeps it in this one; the result is the same.
     ``progress`` gets each trace as its episode ends, in any order. Ctrl-C leaves no process.
@@ -77,7 +78,7 @@ class _Watched:
     def __call__(self, task: Task) -> Iterator[tuple[int, Trace]]:
         config = self._configs[task.place]
         if self._runner is None or task.place != self._place:
-            self._runner = EpisodeRunner(self._source, config, self._greedy)
+            self._runner = EpisodeRunner(self._source, config, self._greedy, Family.VALIDATION)
             self._place = task.place
         recorder = Recorder(task.episodes, config)
         for record in self._runner(task.episodes, recorder):

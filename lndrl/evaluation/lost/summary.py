@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lndrl.evaluation.hazard import Hazard
 from lndrl.evaluation.lost.record import Floats, Trace
-from lndrl.evaluation.poisson import poisson_interval
 
 Kind = Literal["jump", "drift"]
 Limit = Literal["distance", "angle", "both", "delay"]
@@ -253,27 +253,6 @@ def exposure_of(traces: Sequence[Trace], scenarios: Sequence[str], limits: Limit
     return Exposure(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-@dataclass(frozen=True)
-class Hazard:
-    """How often one gets lost in ``steps`` control steps of which ``lost`` were the last."""
-
-    steps: int
-    lost: int
-
-    @property
-    def rate(self) -> float | None:
-        """Per 1,000 control steps."""
-        return 1000.0 * self.lost / self.steps if self.steps else None
-
-    @property
-    def interval(self) -> tuple[float, float] | None:
-        """Per 1,000 control steps, exact Poisson interval (95 %)."""
-        if not self.steps:
-            return None
-        low, high = (1000.0 * bound / self.steps for bound in poisson_interval(self.lost))
-        return low, high
-
-
 def hazards(values: Floats, lost: NDArray[np.bool_], edges: Sequence[float]) -> list[Hazard]:
     """The hazard in each of the bins that ``edges`` part: below the first, ..., from the last on.
 
@@ -283,7 +262,7 @@ def hazards(values: Floats, lost: NDArray[np.bool_], edges: Sequence[float]) -> 
     count = len(edges) + 1
     steps = np.bincount(bins, minlength=count)
     events = np.bincount(bins[lost], minlength=count)
-    return [Hazard(int(n), int(k)) for n, k in zip(steps, events, strict=True)]
+    return [Hazard(int(k), int(n)) for n, k in zip(steps, events, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -303,6 +282,6 @@ def cells_of(exposure: Exposure, place: int) -> list[Cell]:
     steps = np.bincount(of.reshape(-1), minlength=len(found))
     events = np.bincount(of.reshape(-1)[exposure.lost[here]], minlength=len(found))
     return [
-        Cell(float(x) * CELL, float(y) * CELL, Hazard(int(n), int(k)))
+        Cell(float(x) * CELL, float(y) * CELL, Hazard(int(k), int(n)))
         for (x, y), n, k in zip(found, steps, events, strict=True)
     ]

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from rich.table import Table
 
+from lndrl.evaluation.hazard import Hazard
 from lndrl.evaluation.lost.record import AHEAD
 from lndrl.evaluation.lost.report import LostReport
 from lndrl.evaluation.lost.summary import (
@@ -16,7 +17,6 @@ from lndrl.evaluation.lost.summary import (
     JUMP_SHARE,
     RISKS,
     TURNED_STEPS,
-    Hazard,
     Typical,
 )
 from lndrl.evaluation.wilson import wilson_interval
@@ -42,7 +42,7 @@ def lost_tables(report: LostReport) -> list[Table]:
 def summary_lines(report: LostReport) -> list[str]:
     """What the tables come to, in sentences."""
     hazard, limits = report.hazard, report.limits
-    low, high = hazard.interval or (0.0, 0.0)
+    low, high = hazard.interval
     steps, all_of_them = (
         counted(hazard.steps, "control step"),
         counted(len(report.traces), "episode"),
@@ -56,7 +56,7 @@ def summary_lines(report: LostReport) -> list[str]:
     least, most = (100.0 * bound for bound in wilson_interval(jumps, jumps + drifts))
     passed = ", ".join(f"{_LIMITS[name]} {n}" for name, n in report.limits_passed.items() if n)
     return [
-        f"{len(report.losses)} of {all_of_them} were lost in {steps}: {hazard.rate:.2f} per 1,000 "
+        f"{len(report.losses)} of {all_of_them} were lost in {steps}: {hazard.value:.2f} per 1,000 "
         f"({low:.2f} to {high:.2f})",
         f"jumps {jumps} ({least:.0f} to {most:.0f} %), drifts {drifts}; who jumped was less than "
         f"{JUMP_SHARE * limits.distance:g} m and {JUMP_SHARE * limits.angle:.2f} rad off one "
@@ -128,7 +128,7 @@ def _risks(report: LostReport) -> Table:
         for i, hazard in enumerate(report.hazards(risk)):
             steps, rate, interval = _hazard(hazard)
             label = "" if i else RISK_NAMES[risk]
-            table.add_row(label, bin_names(risk)[i], steps, str(hazard.lost), rate, interval)
+            table.add_row(label, bin_names(risk)[i], steps, str(hazard.count), rate, interval)
         table.add_section()
     return table
 
@@ -145,10 +145,10 @@ def bin_names(risk: str) -> list[str]:
 
 
 def _hazard(hazard: Hazard) -> tuple[str, str, str]:
-    if hazard.interval is None:
+    if not hazard.steps:
         return "0", "–", "–"
     low, high = hazard.interval
-    return f"{hazard.steps:,}", f"{hazard.rate:.2f}", f"{low:.2f}–{high:.2f}"
+    return f"{hazard.steps:,}", f"{hazard.value:.2f}", f"{low:.2f}–{high:.2f}"
 
 
 def _table(title: str, head: Sequence[str]) -> Table:

@@ -29,7 +29,8 @@ from lndrl.view.pictures.world import draw_floor, draw_scale
 from lndrl.world import Place
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.lost import Hazard, Loss, LostReport
+    from lndrl.evaluation.hazard import Hazard
+    from lndrl.evaluation.lost import Loss, LostReport
 
 _WIDTH, _MARGIN, _GAP = 11.4, 0.25, 0.3  # inches
 _HEAD, _NAME, _CHART, _AXIS, _SIDE, _LEGEND = 0.42, 0.3, 1.9, 0.62, 0.68, 0.4  # inches
@@ -90,10 +91,10 @@ def save_lost(
 
 def _title(report: LostReport) -> str:
     hazard = report.hazard
-    low, high = hazard.interval or (0.0, 0.0)
+    low, high = hazard.interval
     return (
-        f"{report.planner} on {report.world}: lost in {hazard.lost} of {len(report.traces):,} "
-        f"episodes, {hazard.rate:.2f} per 1,000 control steps ({low:.2f} to {high:.2f})"
+        f"{report.planner} on {report.world}: lost in {hazard.count} of {len(report.traces):,} "
+        f"episodes, {hazard.value:.2f} per 1,000 control steps ({low:.2f} to {high:.2f})"
     )
 
 
@@ -131,7 +132,7 @@ def _draw_map(
         spine.set_visible(False)
     draw_scale(axes, (0.0, across, 0.0, up))
     layouts = "" if grid is not None else ", layouts above each other"
-    words = f"{name}: {hazard.lost} lost in {hazard.steps:,} steps{layouts}"
+    words = f"{name}: {hazard.count} lost in {hazard.steps:,} steps{layouts}"
     axes.set_title(shortened(words, 10, width), loc="left", size=10, color=INK, pad=4)
 
 
@@ -145,10 +146,10 @@ def _draw_cells(
     """Shade the cells in which the robot was by the hazard there; walls keep their colour."""
     from lndrl.evaluation.lost import CELL
 
-    mean = report.hazard.lost / report.hazard.steps
+    mean = report.hazard.count / report.hazard.steps
     shades = np.zeros((int(size[1] / CELL) + 1, int(size[0] / CELL) + 1))
     for cell in report.cells(name):
-        steps, lost = cell.hazard.steps, cell.hazard.lost
+        steps, lost = cell.hazard.steps, cell.hazard.count
         shrunk = (lost + mean * _PRIOR) / (steps + _PRIOR)
         share = min(shrunk / (_DARKEST * mean), 1.0) if mean > 0.0 else 0.0
         row, column = int(cell.y / CELL), int(cell.x / CELL)
@@ -226,10 +227,10 @@ def _draw_charts(report: LostReport, figure: Figure, bottom: float, height: floa
 def _highest(report: LostReport, charts: Sequence[tuple[str, list[str], list[Hazard]]]) -> float:
     """Top of all charts: a bin with next to no steps must not flatten what is known."""
     least = _FEW * report.hazard.steps
-    known = [h for _, _, hazards in charts for h in hazards if h.steps > least and h.interval]
-    rates = 1.15 * max((h.rate or 0.0 for h in known), default=0.0)
-    bounds = max((h.interval[1] for h in known if h.lost and h.interval), default=0.0)
-    return max(rates, min(bounds, 2.0 * rates), _upper(report.hazard))
+    known = [h for _, _, hazards in charts for h in hazards if h.steps > least]
+    rates = 1.15 * max((h.value for h in known), default=0.0)
+    bounds = max((h.interval[1] for h in known if h.count), default=0.0)
+    return max(rates, min(bounds, 2.0 * rates), 1.3 * report.hazard.interval[1])
 
 
 def _draw_hazards(
@@ -241,15 +242,15 @@ def _draw_hazards(
     joined: bool,
 ) -> None:
     """A dot for every bin with its interval; the area of a dot grows with the steps in the bin."""
-    low, high = mean.interval or (0.0, 0.0)
+    low, high = mean.interval
     axes.axhspan(low, high, color=SLATE, alpha=0.15, linewidth=0, zorder=1)
-    axes.axhline(mean.rate or 0.0, color=SLATE, linewidth=0.9, linestyle="--", zorder=2)
-    places = [i for i, hazard in enumerate(hazards) if hazard.interval is not None]
-    rates = [hazards[i].rate or 0.0 for i in places]
+    axes.axhline(mean.value, color=SLATE, linewidth=0.9, linestyle="--", zorder=2)
+    places = [i for i, hazard in enumerate(hazards) if hazard.steps]
+    rates = [hazards[i].value for i in places]
     if joined:
         axes.plot(places, rates, color=BLUE, linewidth=1.1, alpha=0.6, zorder=3)
     for i, rate in zip(places, rates, strict=True):
-        least, most = hazards[i].interval or (0.0, 0.0)
+        least, most = hazards[i].interval
         axes.plot([i, i], [least, most], color=BLUE, linewidth=1.4, alpha=0.75, zorder=3)
         size = 12.0 + 120.0 * hazards[i].steps / max(mean.steps, 1)
         off = rate > highest  # an arrow says that it is up there
@@ -265,10 +266,6 @@ def _draw_hazards(
     if turned:
         for label in axes.get_xticklabels():
             label.set(rotation=30, ha="right", rotation_mode="anchor")
-
-
-def _upper(hazard: Hazard) -> float:
-    return 1.3 * hazard.interval[1] if hazard.interval else 1.0
 
 
 def _legend() -> list[Any]:

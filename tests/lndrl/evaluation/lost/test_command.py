@@ -20,7 +20,7 @@ robot: [{start: [1, 1, 2, 3], goal: [4, 1, 5, 3]}]
 """
 BENCH = """
 scenarios: [room.yaml]
-set: [world.odometry_deviation=0.5, localization.min_particles=100, localization.max_particles=300,
+set: [world.odometry_deviation=1.0, localization.min_particles=100, localization.max_particles=300,
       task.time_limit=20]
 methods: {told: {planner: random, localization: perfect}}
 """
@@ -108,7 +108,7 @@ def test_the_own_world_of_a_rule_is_the_default_configuration(
         (["lost", "dwa", "--out", "/no/where.png"], "/no does not exist"),
         (["lost", "dwa", "--episodes", "0"], "--episodes"),
         (["lost", "dwa", "--workers", "-1"], "--workers"),
-        (["lost", "dwa", "--planner-set", "speed=1"], "dwa: takes no settings"),
+        (["lost", "random", "--planner-set", "speed=1"], "random: takes no settings"),
     ],
 )
 def test_bad_input_is_one_sentence(
