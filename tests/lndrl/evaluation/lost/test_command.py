@@ -73,7 +73,7 @@ def test_tables_and_picture(here: Path) -> None:
 
 
 def test_nobody_lost_is_said_and_drawn(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (here / "firm.yaml").write_text(BENCH.replace("deviation=0.5", "deviation=0.0"))
+    (here / "firm.yaml").write_text(BENCH.replace("deviation=1.0", "deviation=0.0"))
     picture = here / "lost.png"
     given = ["lost", "straight", "--bench", "firm.yaml", "--episodes", "2", "--workers", "0"]
     assert run([*given, "--out", str(picture)]) == 0

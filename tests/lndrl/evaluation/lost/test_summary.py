@@ -207,7 +207,7 @@ def test_without_a_lost_episode_the_hazard_still_has_a_bound() -> None:
     assert len(lost_tables(report)) == 2  # there is nothing before a loss
     data = report.to_dict()
     assert data["losses"] == [] and data["kinds"]["jump"]["share"] is None
-    assert data["hazard"]["interval"] == pytest.approx([0.0, 3.827], abs=1e-3)
+    assert data["hazard"]["interval"] == pytest.approx([0.0, 3.689], abs=1e-3)
     assert data["before"][0]["ratio"]["median"] is None
     assert data["not_lost"]["position_error"]["median"] == pytest.approx(0.1)
 
