@@ -97,7 +97,7 @@ PlannerSettings = Annotated[
     typer.Option(
         "--planner-set",
         metavar="KEY=VALUE",
-        help="A setting of a planner of your own; can be repeated.",
+        help="A setting of a planner of your own, or a parameter of a rule; can be repeated.",
         show_default=False,
     ),
 ]

@@ -1,4 +1,4 @@
-"""Anything that turns an observation into a velocity: the learned policy, two floors, DWA."""
+"""Anything that turns an observation into a velocity: the learned policy, and rules."""
 
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import (
@@ -8,8 +8,10 @@ from lndrl.planners.factory import (
     make_planner,
     planner_names,
     planner_source,
+    takes_settings,
 )
 from lndrl.planners.interface import Planner, episode_generator
+from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 __all__ = [
@@ -17,6 +19,8 @@ __all__ = [
     "DWAPlanner",
     "Planner",
     "PlannerSource",
+    "PredictiveConfig",
+    "PredictivePlanner",
     "RandomPlanner",
     "StraightPlanner",
     "episode_generator",
@@ -25,4 +29,5 @@ __all__ = [
     "make_planner",
     "planner_names",
     "planner_source",
+    "takes_settings",
 ]

@@ -9,17 +9,27 @@ from pathlib import Path
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, installed, is_own
+from lndrl.models import Model, validate
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.own import OwnPlanner
+from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
-RULES: dict[str, Callable[[RunConfig], Planner]] = {
+RULES: dict[str, Callable[..., Planner]] = {
     RandomPlanner.name: RandomPlanner,
     StraightPlanner.name: StraightPlanner,
     DWAPlanner.name: DWAPlanner,
+    PredictivePlanner.name: PredictivePlanner,
 }
-"""Planners that need no weights: two floors and the classical baseline."""
+"""Planners that need no weights: two floors, the classical baseline, and one that looks ahead.
+Called with a configuration, and those of PARAMETERS with their parameters."""
+
+PARAMETERS: dict[str, type[Model]] = {
+    DWAPlanner.name: DWAConfig,
+    PredictivePlanner.name: PredictiveConfig,
+}
+"""What can be set of a rule; the others have nothing to set."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +37,15 @@ class PlannerSource:
     """Everything that a planner is built from; picklable, so that workers build the same one.
 
     ``config`` and ``weights`` are those that were trained together, None for a rule. A run
-    that goes on training meanwhile changes neither. ``parameters`` are DWA's where they are not the
-    defaults. ``own``: the name is that of a user's class, which gets ``settings``; it is imported
+    that goes on training meanwhile changes neither. ``parameters`` are a rule's, of the kind in
+    PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which gets ``settings``; it is imported
     where it is built, not before.
     """
 
     name: str
     config: RunConfig | None = None
     weights: bytes | None = None
-    parameters: DWAConfig | None = None
+    parameters: Model | None = None
     own: bool = False
     settings: PartSettings = field(default_factory=dict)
 
@@ -59,7 +69,7 @@ class PlannerSource:
         if self.own:
             return OwnPlanner(self.name, config, self.settings)
         if self.parameters is not None:
-            return DWAPlanner(config, self.parameters)
+            return RULES[self.name](config, self.parameters)
         if self.weights is None:
             return RULES[self.name](config)
         from lndrl.planners.policy import PolicyPlanner
@@ -74,17 +84,22 @@ class PlannerSource:
 def planner_source(spec: str, settings: PartSettings | None = None) -> PlannerSource:
     """Find a rule, a run folder, a weights file, or name a class of one's own (not yet imported).
 
-    ``settings`` go to such a class. Raises UserError when ``spec`` is none of them, weights cannot
-    be read, or there are settings for what takes none.
+    ``settings`` go to such a class, or are parameters of a rule. Raises UserError when ``spec`` is
+    none of them, weights cannot be read, a rule has no such parameter, or there are settings for
+    what takes none.
     """
     path = Path(spec)
     if is_own_planner(spec):
         return PlannerSource(spec, own=True, settings=settings or {})
-    if settings:
-        raise UserError(f"{spec}: takes no settings; a planner of your own does (module:Class)")
+    if settings and not takes_settings(spec):
+        raise UserError(
+            f"{spec}: takes no settings; {', '.join(PARAMETERS)} and a planner of your own do "
+            "(module:Class)"
+        )
     if spec in RULES:
         find(PLANNER, spec, RULES)  # says so where a package installs another of that name
-        return PlannerSource(spec)
+        parameters = validate(PARAMETERS[spec], settings, spec) if settings else None
+        return PlannerSource(spec, parameters=parameters)
     if spec in installed(PLANNER):
         raise UserError(
             f"{spec}: is a path here and an installed planner; write ./{spec} or module:Class"
@@ -110,6 +125,11 @@ def is_own_planner(planner: str) -> bool:
     if planner in RULES:
         return False
     return is_own(planner) or (planner in installed(PLANNER) and not Path(planner).exists())
+
+
+def takes_settings(planner: str) -> bool:
+    """Whether something can be set of ``planner``: a rule with parameters, or a class."""
+    return planner in PARAMETERS or is_own_planner(planner)
 
 
 def is_rule(planner: str) -> bool:

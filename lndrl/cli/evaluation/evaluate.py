@@ -29,8 +29,8 @@ def evaluate(
         list[str],
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight', 'dwa' or module:Class; several"
-            " are compared.",
+            help="Run folder, weights file, a rule ('random', 'straight', 'dwa', 'predictive') or"
+            " module:Class; several are compared.",
         ),
     ],
     scenario: ScenarioName = None,
@@ -65,14 +65,23 @@ def evaluate(
     trust(trust_modules)
     settings = part_settings(planner_set, "--planner-set")
     from lndrl.evaluation import add_metrics, own_metrics
-    from lndrl.planners import is_own_planner
+    from lndrl.planners import is_own_planner, takes_settings
 
-    if settings and not any(map(is_own_planner, planners)):
-        raise UserError("--planner-set goes with a planner of your own, e.g. my_package:Planner")
+    # Those of a user's own, where there are any, so that rules can be compared with them.
+    takers = [each for each in planners if is_own_planner(each)] or [
+        each for each in planners if takes_settings(each)
+    ]
+    if settings and not takers:
+        raise UserError(
+            "--planner-set goes with a planner of your own, e.g. my_package:Planner, or with a rule"
+            " that has parameters, e.g. predictive"
+        )
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
     works = [
-        _Evaluation(each, settings, scenario, episodes, seed, greedy, localization)
+        _Evaluation(
+            each, settings if each in takers else {}, scenario, episodes, seed, greedy, localization
+        )
         for each in planners
     ]
     say_notes(note for work in works for note in work.config.scenario.map_notes)
@@ -119,9 +128,9 @@ class _Evaluation:
         localization: Localization | None,
     ) -> None:
         from lndrl.evaluation import settings_for
-        from lndrl.planners import is_own_planner, planner_source
+        from lndrl.planners import planner_source
 
-        self.source = planner_source(planner, settings if is_own_planner(planner) else None)
+        self.source = planner_source(planner, settings)
         config = settings_for(self.source, scenario, localization)
         self.config = config.model_copy(update={"seed": seed})
         self.episodes, self.greedy = episodes, greedy

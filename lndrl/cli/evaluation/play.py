@@ -31,7 +31,7 @@ def play(
         str,
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight', 'dwa' or module:Class.",
+            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive' or module:Class.",
         ),
     ],
     out: Annotated[

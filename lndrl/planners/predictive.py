@@ -1,0 +1,120 @@
+"""A planner that looks ahead: two actions in sequence among walls that stand and people who walk.
+
+Sees what the policy sees: the laser, the people around and the goal at the estimated pose. Takes no
+account of the variances. Everything but the method is ours (docs/planners.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from lndrl.config import RunConfig
+from lndrl.models import Model, NonNegative, Positive, Seconds
+from lndrl.navigation import Observation, action_table
+from lndrl.navigation.observation import SCAN_COUNTS
+from lndrl.planners.rollouts import Prices, decide, make_rollouts
+
+
+class PredictiveConfig(Model):
+    """Parameters of the planner (ours); clearances are from the robot's edge."""
+
+    first_horizon: Seconds = Field(0.8, le=60.0, description="s that the first action is followed")
+    second_horizon: Seconds = Field(1.6, le=60.0, description="s that the second is, from there")
+    sample_period: Seconds = Field(0.2, description="s between two looks at the clearance, at most")
+    goal_weight: NonNegative = Field(10.0, description="per metre from the end to the goal")
+    heading_weight: NonNegative = Field(3.0, description="per rad that the end looks past the goal")
+    turning_weight: NonNegative = Field(1.0, description="per rad turned on the way")
+    wall_weight: NonNegative = Field(8.0, description="of a wall at the robot's edge")
+    wall_reach: Positive = Field(0.33, description="m from a wall at which its price is 0")
+    person_weight: NonNegative = Field(8.0, description="of a person at the robot's edge")
+    person_reach: Positive = Field(0.5, description="m from a person at which the price is 0")
+    person_radius: NonNegative = Field(0.2, description="m of a person; legs reach as far (GROUP)")
+    wall_margin: NonNegative = Field(0.05, description="m of clearance below which a wall is touched")
+    person_margin: NonNegative = Field(0.1, description="m of clearance below which a person is")
+    touch_weight: NonNegative = Field(200.0, description="of what would be touched at once")
+    touch_fade: Seconds = Field(1.0, description="s in which the price of touching falls by e")
+    people_hide: NonNegative = Field(
+        0.4, description="m around a person within which echoes are the person's"
+    )
+    spacing: NonNegative = Field(0.06, description="m between neighbouring echoes that count")
+
+
+class PredictivePlanner:
+    """Rolls out every pair of actions and takes the first of the cheapest pair.
+
+    Cost of a pair: distance and bearing of the goal from its end, turning, and closeness to walls
+    and to people, who are expected to walk on as they do. What would be touched later costs less
+    than what would be touched at once. Nothing is remembered from step to step.
+    """
+
+    name = "predictive"
+
+    def __init__(self, config: RunConfig, parameters: PredictiveConfig | None = None) -> None:
+        self.parameters = p = parameters or PredictiveConfig()
+        laser = config.world.laser
+        self._actions = action_table(config.task)
+        first = _times(p.first_horizon, p.sample_period)
+        second = _times(p.second_horizon, p.sample_period)
+        turned = np.abs(self._actions[:, 1])
+        price = p.turning_weight * (
+            p.first_horizon * turned[:, None] + p.second_horizon * turned[None]
+        )
+        self._rollouts = make_rollouts(self._actions, first, second, price)
+        fastest = np.abs(self._actions[:, 0]).max()
+        self._prices = Prices(
+            p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
+            p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin,
+            p.person_margin, config.world.robot_radius,
+            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest,
+        )  # fmt: skip
+        self._beams = laser.beams
+        bearing = laser.field_of_view * (np.arange(laser.beams) / laser.beams - 0.5)
+        self._directions = np.stack((np.cos(bearing), np.sin(bearing)), axis=1)
+        self._scale = laser.range_max / SCAN_COUNTS
+        self._reach = (
+            fastest * (p.first_horizon + p.second_horizon)
+            + config.world.robot_radius
+            + max(p.wall_reach, p.wall_margin)
+        )
+        self._points = np.empty((laser.beams, 2))
+        self._base = np.empty(len(self._actions))
+        self._ends = np.empty(len(self._actions), np.int64)
+        self._stand = int(np.argmin(np.abs(self._actions).sum(axis=1)))
+
+    def reset(self, seed: int, worlds: Sequence[int]) -> None:
+        """See ``Planner.reset``; nothing is random, nothing is remembered."""
+
+    def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """See ``Planner.act``; stands still where the goal is not a number."""
+        costs = self._decide(observation, every=False)
+        chosen = costs.argmin(axis=1)
+        chosen[np.isinf(costs).all(axis=1)] = self._stand
+        return self._actions[chosen]
+
+    def costs(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Costs (B, A) of beginning with each action of the table, the second the best after it.
+
+        ``act`` takes the least. Infinite where the goal is not a number.
+        """
+        return self._decide(observation, every=True)
+
+    def _decide(self, observation: Observation, every: bool) -> NDArray[np.float64]:
+        out = np.empty((len(observation), len(self._actions)))
+        p = self.parameters
+        decide(
+            observation.scan[:, -self._beams :], self._directions, self._scale, self._reach,
+            p.spacing, observation.pedestrians, observation.pedestrian_count, p.people_hide,
+            observation.goal, self._rollouts, self._prices, every, self._points, self._base,
+            self._ends, out,
+        )  # fmt: skip
+        return out
+
+
+def _times(horizon: float, period: float) -> NDArray[np.float64]:
+    """Evenly up to ``horizon`` s, its end included, no further apart than ``period``."""
+    count = max(1, int(np.ceil(horizon / period - 1e-9)))
+    return horizon * np.arange(1, count + 1) / count

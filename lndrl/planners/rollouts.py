@@ -1,0 +1,283 @@
+"""Two actions in sequence, rolled out exactly along arcs, and what each pair would cost.
+
+The arcs in the robot frame depend on the action table alone and are computed once; a decision only
+measures them against goal, walls and people. Pairs whose cost without walls and people is above
+the best so far are never measured.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Rollouts(NamedTuple):
+    """Every pair of A actions, sampled in time; made once by ``make_rollouts``, never changed.
+
+    ``first`` (A, S, 2) and ``second`` (A, A, T, 2): positions (m, robot frame) at
+    ``first_times`` (S,) and ``second_times`` (T,), s from now; ``end`` (A, A, 3): the last pose.
+    ``price`` (A, A): what a pair costs wherever the robot is.
+    """
+
+    first: Floats
+    second: Floats
+    end: Floats
+    first_times: Floats
+    second_times: Floats
+    price: Floats
+
+
+class Prices(NamedTuple):
+    """What kernels weigh pairs with; lengths (m) are clearances from the robot's edge.
+
+    Within ``arrive`` m of the goal a way ends, and each s that is left earns ``arrive_gain``.
+    """
+
+    goal: float
+    heading: float
+    wall: float
+    wall_reach: float
+    person: float
+    person_reach: float
+    touch: float
+    touch_fade: float
+    wall_margin: float
+    person_margin: float
+    robot_radius: float
+    person_radius: float
+    arrive: float
+    arrive_gain: float
+
+
+def arc_poses(actions: Floats, times: Floats) -> Floats:
+    """Poses (A, T, 3) of ``actions`` (A, 2), m/s and rad/s, at ``times`` (T,) s, from the origin.
+
+    Exact: v / w (sin wt, 1 - cos wt), written so that small w lose nothing.
+    """
+    v, w = actions[:, :1], actions[:, 1:]
+    turned = w * times
+    half = 0.5 * turned
+    chord = v * times * np.sinc(half / np.pi)
+    return np.stack((chord * np.cos(half), chord * np.sin(half), turned), axis=2)
+
+
+def make_rollouts(actions: Floats, first: Floats, second: Floats, price: Floats) -> Rollouts:
+    """Rollouts of every pair of ``actions`` (A, 2).
+
+    ``first`` (S,): times (s) at which the first arc is sampled, its end last; ``second`` (T,):
+    times from there. ``price`` (A, A) is kept as it is.
+    """
+    before, after = arc_poses(actions, first), arc_poses(actions, second)
+    turn = before[:, -1]
+    cosine, sine = (f(turn[:, 2])[:, None, None] for f in (np.cos, np.sin))
+    x = turn[:, None, None, 0] + cosine * after[..., 0] - sine * after[..., 1]
+    y = turn[:, None, None, 1] + sine * after[..., 0] + cosine * after[..., 1]
+    yaw = turn[:, None, None, 2] + after[..., 2]
+    poses = np.stack((x, y, yaw), axis=-1)
+    return Rollouts(
+        np.ascontiguousarray(before[..., :2]),
+        np.ascontiguousarray(poses[..., :2]),
+        np.ascontiguousarray(poses[:, :, -1]),
+        first.copy(),
+        first[-1] + second,
+        price.copy(),
+    )
+
+
+@njit(cache=True, nogil=True)
+def near_points(scan, directions, scale, reach, spacing, people, count, person_reach, out):
+    """Write echoes that are walls within ``reach`` m to ``out`` (P, 2); returns how many.
+
+    ``scan`` (beams,) counts of ``scale`` m, ``directions`` (beams, 2). Left out are beams without
+    an echo, those that neither neighbour bears out (the sensor makes up one in a hundred), those
+    within ``person_reach`` m of one of the ``count`` ``people`` (M, 4), and those nearer than
+    ``spacing`` m to the last that was kept.
+    """
+    beams = min(scan.shape[0], directions.shape[0])
+    count = min(count, people.shape[0])
+    kept = 0
+    for k in range(beams):
+        distance = scan[k] * scale
+        if distance > reach or scan[k] == 65535:
+            continue
+        before = abs(scan[max(k - 1, 0)] * scale - distance) if k > 0 else np.inf
+        after = abs(scan[min(k + 1, beams - 1)] * scale - distance) if k + 1 < beams else np.inf
+        if min(before, after) > 0.2:
+            continue
+        x, y = distance * directions[k, 0], distance * directions[k, 1]
+        hidden = False
+        for m in range(count):
+            dx, dy = people[m, 0] - x, people[m, 1] - y
+            hidden = hidden or dx * dx + dy * dy < person_reach * person_reach
+        if hidden:
+            continue
+        if kept > 0:
+            dx, dy = out[kept - 1, 0] - x, out[kept - 1, 1] - y
+            if dx * dx + dy * dy < spacing * spacing:
+                continue
+        if kept == out.shape[0]:
+            break
+        out[kept, 0], out[kept, 1] = x, y
+        kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def measure(path, times, points, people, prices, nearest_wall, nearest_person, touch, limit):
+    """How near ``path`` (T, 2), m at ``times`` (T,) s, comes to walls and people.
+
+    ``points`` (P, 2) stand, ``people`` (M, 4) walk on as they do. Goes on from the clearances (m)
+    and the price of touching of what was driven before; returns the three, and what they cost.
+    Stops as soon as that is above ``limit``.
+    """
+    cost = clearance_cost(nearest_wall, nearest_person, touch, prices)
+    for k in range(path.shape[0]):
+        x, y = path[k, 0], path[k, 1]
+        wall = np.inf
+        for m in range(points.shape[0]):
+            dx, dy = points[m, 0] - x, points[m, 1] - y
+            wall = min(wall, dx * dx + dy * dy)
+        person = np.inf
+        for m in range(people.shape[0]):
+            dx = people[m, 0] + times[k] * people[m, 2] - x
+            dy = people[m, 1] + times[k] * people[m, 3] - y
+            squared = dx * dx + dy * dy
+            if squared < person:  # false for NaN
+                person = squared
+        wall = math.sqrt(wall) - prices.robot_radius
+        person = math.sqrt(person) - prices.robot_radius - prices.person_radius
+        if wall < prices.wall_margin or person < prices.person_margin:
+            touch = max(touch, prices.touch * math.exp(-times[k] / prices.touch_fade))
+        nearest_wall = min(nearest_wall, wall)
+        nearest_person = min(nearest_person, person)
+        cost = clearance_cost(nearest_wall, nearest_person, touch, prices)
+        if cost >= limit:
+            break
+    return nearest_wall, nearest_person, touch, cost
+
+
+@njit(cache=True, nogil=True)
+def clearance_cost(wall, person, touch, prices):
+    """What the least clearances (m) and the price of touching come to."""
+    cost = touch
+    if wall < prices.wall_reach:
+        cost += prices.wall * (1.0 - wall / prices.wall_reach)
+    if person < prices.person_reach:
+        cost += prices.person * (1.0 - person / prices.person_reach)
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def arrival(path, goal, arrive):
+    """Index of the first of ``path`` (T, 2) within ``arrive`` m of ``goal`` (2,), else T."""
+    for k in range(path.shape[0]):
+        dx, dy = goal[0] - path[k, 0], goal[1] - path[k, 1]
+        if dx * dx + dy * dy < arrive * arrive:
+            return k
+    return path.shape[0]
+
+
+@njit(cache=True, nogil=True)
+def goal_costs(rollouts, prices, goal, i, base, ends):
+    """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
+
+    ``ends`` (A,): how many samples of the second arc are driven. ``goal`` (2,) m in the robot
+    frame. Returns how many samples of the first arc are, and the least of the costs.
+    """
+    times = rollouts.second_times
+    horizon = times[-1]
+    farthest = prices.arrive
+    for j in range(base.shape[0]):
+        farthest = max(farthest, prices.arrive + math.hypot(rollouts.end[i, j, 0], rollouts.end[i, j, 1]))
+    near = goal[0] * goal[0] + goal[1] * goal[1] < farthest * farthest
+    before = rollouts.first.shape[1]
+    if near:
+        before = arrival(rollouts.first[i], goal, prices.arrive)
+    least = np.inf
+    for j in range(base.shape[0]):
+        ends[j] = times.shape[0]
+        if before < rollouts.first.shape[1]:
+            ends[j] = 0
+            base[j] = prices.arrive_gain * (rollouts.first_times[before] - horizon)
+            base[j] += prices.goal * prices.arrive
+            continue
+        if near:
+            ends[j] = arrival(rollouts.second[i, j], goal, prices.arrive)
+        base[j] = rollouts.price[i, j]
+        if ends[j] < times.shape[0]:
+            base[j] += prices.arrive_gain * (times[ends[j]] - horizon)
+            base[j] += prices.goal * prices.arrive
+            ends[j] += 1
+        else:
+            dx = goal[0] - rollouts.end[i, j, 0]
+            dy = goal[1] - rollouts.end[i, j, 1]
+            past = math.atan2(dy, dx) - rollouts.end[i, j, 2]
+            past -= 2.0 * math.pi * math.floor(past / (2.0 * math.pi) + 0.5)
+            base[j] += prices.goal * math.sqrt(dx * dx + dy * dy) + prices.heading * abs(past)
+        least = min(least, base[j])
+    if before < rollouts.first.shape[1]:
+        return before + 1, base[0]
+    return before, least
+
+
+@njit(cache=True, nogil=True)
+def first_costs(rollouts, prices, goal, points, people, every, base, ends, out):
+    """Write to ``out`` (A,) the cost of the cheapest pair that begins with each action.
+
+    ``goal`` (2,), ``points`` (P, 2) m and ``people`` (M, 4) m and m/s in the robot frame;
+    ``base``, ``ends`` (A,) working memory. Unless ``every``, pairs are only followed until they are
+    dearer than the cheapest of all: the least entry is exact, others are at least the least.
+    Infinite where no cost is a number.
+    """
+    best = np.inf
+    for i in range(out.shape[0]):
+        cheapest = np.inf if every else best
+        out[i] = np.inf
+        before, least = goal_costs(rollouts, prices, goal, i, base, ends)
+        if not least < cheapest:
+            continue
+        wall, person, touch, cost = measure(
+            rollouts.first[i, :before], rollouts.first_times, points, people, prices,
+            np.inf, np.inf, 0.0, cheapest - least,
+        )  # fmt: skip
+        while True:
+            j = np.argmin(base)
+            if not base[j] + cost < cheapest:
+                break
+            after = measure(
+                rollouts.second[i, j, : ends[j]], rollouts.second_times, points, people, prices,
+                wall, person, touch, cheapest - base[j],
+            )[3]  # fmt: skip
+            if base[j] + after < cheapest:
+                cheapest = base[j] + after
+                out[i] = cheapest
+            base[j] = np.inf
+        best = min(best, out[i])
+
+
+@njit(cache=True, nogil=True)
+def decide(
+    scans, directions, scale, reach, spacing, pedestrians, counts, person_reach, goals,
+    rollouts, prices, every, points, base, ends, out,
+):  # fmt: skip
+    """``first_costs`` of many observations, rows of ``out`` (B, A); each row for itself.
+
+    ``scans`` (B, beams) are the newest, ``points`` (beams, 2), ``base`` and ``ends`` (A,)
+    working memory;
+    the rest as in ``near_points`` and ``first_costs``.
+    """
+    rows = min(scans.shape[0], pedestrians.shape[0], counts.shape[0], goals.shape[0], out.shape[0])
+    for row in range(rows):
+        count = min(np.int64(counts[row]), pedestrians.shape[1])
+        people = pedestrians[row, :count].astype(np.float64)
+        kept = near_points(
+            scans[row], directions, scale, reach, spacing, people, count, person_reach, points
+        )
+        goal = goals[row].astype(np.float64)
+        first_costs(rollouts, prices, goal, points[:kept], people, every, base, ends, out[row])
