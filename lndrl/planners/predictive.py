@@ -23,20 +23,22 @@ class PredictiveConfig(Model):
     """Parameters of the planner (ours); clearances are from the robot's edge."""
 
     first_horizon: Seconds = Field(0.8, le=60.0, description="s that the first action is followed")
-    second_horizon: Seconds = Field(1.6, le=60.0, description="s that the second is, from there")
+    second_horizon: Seconds = Field(2.4, le=60.0, description="s that the second is, from there")
     sample_period: Seconds = Field(0.2, description="s between two looks at the clearance, at most")
     goal_weight: NonNegative = Field(10.0, description="per metre from the end to the goal")
-    heading_weight: NonNegative = Field(3.0, description="per rad that the end looks past the goal")
-    turning_weight: NonNegative = Field(1.0, description="per rad turned on the way")
-    wall_weight: NonNegative = Field(8.0, description="of a wall at the robot's edge")
-    wall_reach: Positive = Field(0.33, description="m from a wall at which its price is 0")
-    person_weight: NonNegative = Field(8.0, description="of a person at the robot's edge")
-    person_reach: Positive = Field(0.5, description="m from a person at which the price is 0")
+    heading_weight: NonNegative = Field(1.5, description="per rad that the end looks past the goal")
+    turning_weight: NonNegative = Field(0.1, description="per rad turned on the way")
+    wall_weight: NonNegative = Field(2.0, description="of a wall at the robot's edge")
+    wall_reach: Positive = Field(0.2, description="m from a wall at which its price is 0")
+    person_weight: NonNegative = Field(24.0, description="of a person at the robot's edge")
+    person_reach: Positive = Field(0.4, description="m from a person at which the price is 0")
     person_radius: NonNegative = Field(0.2, description="m of a person; legs reach as far (GROUP)")
-    wall_margin: NonNegative = Field(0.05, description="m of clearance below which a wall is touched")
-    person_margin: NonNegative = Field(0.1, description="m of clearance below which a person is")
-    touch_weight: NonNegative = Field(200.0, description="of what would be touched at once")
-    touch_fade: Seconds = Field(1.0, description="s in which the price of touching falls by e")
+    wall_margin: NonNegative = Field(
+        0.05, description="m of clearance below which a wall is touched"
+    )
+    person_margin: NonNegative = Field(0.25, description="m of clearance below which a person is")
+    touch_weight: NonNegative = Field(1000.0, description="of what would be touched at once")
+    touch_fade: Seconds = Field(0.5, description="s in which the price of touching falls by e")
     people_hide: NonNegative = Field(
         0.4, description="m around a person within which echoes are the person's"
     )
@@ -59,11 +61,7 @@ class PredictivePlanner:
         self._actions = action_table(config.task)
         first = _times(p.first_horizon, p.sample_period)
         second = _times(p.second_horizon, p.sample_period)
-        turned = np.abs(self._actions[:, 1])
-        price = p.turning_weight * (
-            p.first_horizon * turned[:, None] + p.second_horizon * turned[None]
-        )
-        self._rollouts = make_rollouts(self._actions, first, second, price)
+        self._rollouts = make_rollouts(self._actions, first, second, self._turning_price())
         fastest = np.abs(self._actions[:, 0]).max()
         self._prices = Prices(
             p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
@@ -102,14 +100,29 @@ class PredictivePlanner:
         """
         return self._decide(observation, every=True)
 
-    def _decide(self, observation: Observation, every: bool) -> NDArray[np.float64]:
+    def _turning_price(self) -> NDArray[np.float64]:
+        """What the turning of every pair costs, (A, A)."""
+        p, turned = self.parameters, np.abs(self._actions[:, 1])
+        each = p.first_horizon * turned[:, None] + p.second_horizon * turned[None]
+        return p.turning_weight * each
+
+    def _decide(
+        self,
+        observation: Observation,
+        every: bool,
+        goals: NDArray[np.floating] | None = None,
+        turning: NDArray[np.float64] | None = None,
+        start: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
         out = np.empty((len(observation), len(self._actions)))
         p = self.parameters
         decide(
             observation.scan[:, -self._beams :], self._directions, self._scale, self._reach,
             p.spacing, observation.pedestrians, observation.pedestrian_count, p.people_hide,
-            observation.goal, self._rollouts, self._prices, every, self._points, self._base,
-            self._ends, out,
+            observation.goal if goals is None else goals, self._rollouts, self._prices,
+            np.ones(len(out)) if turning is None else turning,
+            np.zeros(out.shape) if start is None else start,
+            every, self._points, self._base, self._ends, out,
         )  # fmt: skip
         return out
 

@@ -22,7 +22,7 @@ class Rollouts(NamedTuple):
 
     ``first`` (A, S, 2) and ``second`` (A, A, T, 2): positions (m, robot frame) at
     ``first_times`` (S,) and ``second_times`` (T,), s from now; ``end`` (A, A, 3): the last pose.
-    ``price`` (A, A): what a pair costs wherever the robot is.
+    ``price`` (A, A): what the turning of a pair costs.
     """
 
     first: Floats
@@ -184,17 +184,20 @@ def arrival(path, goal, arrive):
 
 
 @njit(cache=True, nogil=True)
-def goal_costs(rollouts, prices, goal, i, base, ends):
+def goal_costs(rollouts, prices, goal, turning, start, i, base, ends):
     """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
 
     ``ends`` (A,): how many samples of the second arc are driven. ``goal`` (2,) m in the robot
-    frame. Returns how many samples of the first arc are, and the least of the costs.
+    frame; ``turning`` is a factor on the price of turning, ``start`` the price of beginning with
+    ``i``. Returns how many samples of the first arc are driven, and the least of the costs.
     """
     times = rollouts.second_times
     horizon = times[-1]
     farthest = prices.arrive
     for j in range(base.shape[0]):
-        farthest = max(farthest, prices.arrive + math.hypot(rollouts.end[i, j, 0], rollouts.end[i, j, 1]))
+        farthest = max(
+            farthest, prices.arrive + math.hypot(rollouts.end[i, j, 0], rollouts.end[i, j, 1])
+        )
     near = goal[0] * goal[0] + goal[1] * goal[1] < farthest * farthest
     before = rollouts.first.shape[1]
     if near:
@@ -205,11 +208,11 @@ def goal_costs(rollouts, prices, goal, i, base, ends):
         if before < rollouts.first.shape[1]:
             ends[j] = 0
             base[j] = prices.arrive_gain * (rollouts.first_times[before] - horizon)
-            base[j] += prices.goal * prices.arrive
+            base[j] += prices.goal * prices.arrive + start
             continue
         if near:
             ends[j] = arrival(rollouts.second[i, j], goal, prices.arrive)
-        base[j] = rollouts.price[i, j]
+        base[j] = turning * rollouts.price[i, j] + start
         if ends[j] < times.shape[0]:
             base[j] += prices.arrive_gain * (times[ends[j]] - horizon)
             base[j] += prices.goal * prices.arrive
@@ -227,19 +230,20 @@ def goal_costs(rollouts, prices, goal, i, base, ends):
 
 
 @njit(cache=True, nogil=True)
-def first_costs(rollouts, prices, goal, points, people, every, base, ends, out):
+def first_costs(rollouts, prices, goal, points, people, turning, start, every, base, ends, out):
     """Write to ``out`` (A,) the cost of the cheapest pair that begins with each action.
 
     ``goal`` (2,), ``points`` (P, 2) m and ``people`` (M, 4) m and m/s in the robot frame;
-    ``base``, ``ends`` (A,) working memory. Unless ``every``, pairs are only followed until they are
+    ``turning`` and ``start`` (A,) as in ``goal_costs``; ``base``, ``ends`` (A,) working memory.
+    Unless ``every``, pairs are only followed until they are
     dearer than the cheapest of all: the least entry is exact, others are at least the least.
     Infinite where no cost is a number.
     """
     best = np.inf
-    for i in range(out.shape[0]):
+    for i in range(min(out.shape[0], start.shape[0])):
         cheapest = np.inf if every else best
         out[i] = np.inf
-        before, least = goal_costs(rollouts, prices, goal, i, base, ends)
+        before, least = goal_costs(rollouts, prices, goal, turning, start[i], i, base, ends)
         if not least < cheapest:
             continue
         wall, person, touch, cost = measure(
@@ -264,15 +268,16 @@ def first_costs(rollouts, prices, goal, points, people, every, base, ends, out):
 @njit(cache=True, nogil=True)
 def decide(
     scans, directions, scale, reach, spacing, pedestrians, counts, person_reach, goals,
-    rollouts, prices, every, points, base, ends, out,
+    rollouts, prices, turning, start, every, points, base, ends, out,
 ):  # fmt: skip
     """``first_costs`` of many observations, rows of ``out`` (B, A); each row for itself.
 
-    ``scans`` (B, beams) are the newest, ``points`` (beams, 2), ``base`` and ``ends`` (A,)
+    ``scans`` (B, beams) are the newest, ``turning`` (B,), ``start`` (B, A); ``points`` (beams, 2), ``base`` and ``ends`` (A,)
     working memory;
     the rest as in ``near_points`` and ``first_costs``.
     """
     rows = min(scans.shape[0], pedestrians.shape[0], counts.shape[0], goals.shape[0], out.shape[0])
+    rows = min(rows, turning.shape[0], start.shape[0])
     for row in range(rows):
         count = min(np.int64(counts[row]), pedestrians.shape[1])
         people = pedestrians[row, :count].astype(np.float64)
@@ -280,4 +285,7 @@ def decide(
             scans[row], directions, scale, reach, spacing, people, count, person_reach, points
         )
         goal = goals[row].astype(np.float64)
-        first_costs(rollouts, prices, goal, points[:kept], people, every, base, ends, out[row])
+        first_costs(
+            rollouts, prices, goal, points[:kept], people, turning[row], start[row], every,
+            base, ends, out[row],
+        )  # fmt: skip

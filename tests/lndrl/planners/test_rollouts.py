@@ -222,7 +222,9 @@ def test_whatever_comes_in_nothing_is_written_outside(
         random.choice(NUMBERS, (data.draw(st.integers(0, 40)), 2)), 12 / 65535, 1e3, 0.0, people,
         random.integers(0, 256, rows).astype(np.uint8), 0.4,
         random.choice(NUMBERS, (data.draw(st.integers(0, 3)), 6)).astype(np.float32),
-        planner._rollouts, planner._prices, data.draw(st.booleans()), points, base, ends[8:-8], out,
+        planner._rollouts, planner._prices,
+        random.choice(NUMBERS, data.draw(st.integers(0, 3))),
+        random.choice(NUMBERS, (data.draw(st.integers(0, 3)), data.draw(st.integers(0, 28)))), data.draw(st.booleans()), points, base, ends[8:-8], out,
     )  # fmt: skip
     for whole in (whole_out, whole_points, whole_base, ends):
         assert (whole[:8] == 7).all() and (whole[len(whole) - 8 :] == 7).all()
