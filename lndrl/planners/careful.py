@@ -27,6 +27,7 @@ class CarefulConfig(PredictiveConfig):
     rate_weight: NonNegative = Field(5.0, description="per rad²/s: the square of a turn's rate")
     gentle_rate: NonNegative = Field(0.3, description="rad/s, above which a turn is sharp")
     sharp_weight: NonNegative = Field(30.0, description="of a first action that turns sharply")
+    sharp_later: NonNegative = Field(0.5, description="share of it for the second action")
     change_weight: NonNegative = Field(2.0, description="per rad/s that the rate changes")
     doubt_weight: NonNegative = Field(1.0, description="times turning is dearer per m² + rad²")
     crowd_weight: NonNegative = Field(0.0, description="per m/s, times the hidden share")
@@ -72,7 +73,7 @@ class CarefulPlanner(PredictivePlanner):
             + p.rate_weight * each
             + p.change_weight * change
             + p.speed_weight * speed
-            + p.sharp_weight * (1.0 * sharp[:, None] + 0.5 * sharp[None])
+            + p.sharp_weight * (1.0 * sharp[:, None] + p.sharp_later * sharp[None])
         )
 
     def _costs(

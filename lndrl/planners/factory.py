@@ -41,8 +41,8 @@ class PlannerSource:
 
     ``config`` and ``weights`` are those that were trained together, None for a rule. A run
     that goes on training meanwhile changes neither. ``parameters`` are a rule's, of the kind in
-    PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which gets ``settings``; it is imported
-    where it is built, not before.
+    PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which
+    gets ``settings``; it is imported where it is built, not before.
     """
 
     name: str

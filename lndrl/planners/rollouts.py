@@ -272,9 +272,8 @@ def decide(
 ):  # fmt: skip
     """``first_costs`` of many observations, rows of ``out`` (B, A); each row for itself.
 
-    ``scans`` (B, beams) are the newest, ``turning`` (B,), ``start`` (B, A); ``points`` (beams, 2), ``base`` and ``ends`` (A,)
-    working memory;
-    the rest as in ``near_points`` and ``first_costs``.
+    ``scans`` (B, beams) are the newest, ``turning`` (B,), ``start`` (B, A); ``points`` (beams, 2),
+    ``base`` and ``ends`` (A,) working memory; the rest as in ``near_points`` and ``first_costs``.
     """
     rows = min(scans.shape[0], pedestrians.shape[0], counts.shape[0], goals.shape[0], out.shape[0])
     rows = min(rows, turning.shape[0], start.shape[0])

@@ -26,7 +26,9 @@ ROBOT = 0.17
 def paths(p: PredictiveConfig) -> tuple[Floats, Floats]:
     """Poses (A, A, T, 3) of all pairs, and their times (T,), by small straight pieces."""
     table = action_table(TaskConfig())
-    pieces, poses, times = 100, [], []
+    pieces = 100
+    poses: list[Floats] = []
+    times: list[float] = []
     pose = np.zeros((len(table), len(table), 3))
     for action, horizon in (
         (table[:, None], p.first_horizon),
@@ -224,7 +226,8 @@ def test_whatever_comes_in_nothing_is_written_outside(
         random.choice(NUMBERS, (data.draw(st.integers(0, 3)), 6)).astype(np.float32),
         planner._rollouts, planner._prices,
         random.choice(NUMBERS, data.draw(st.integers(0, 3))),
-        random.choice(NUMBERS, (data.draw(st.integers(0, 3)), data.draw(st.integers(0, 28)))), data.draw(st.booleans()), points, base, ends[8:-8], out,
+        random.choice(NUMBERS, (data.draw(st.integers(0, 3)), data.draw(st.integers(0, 28)))),
+        data.draw(st.booleans()), points, base, ends[8:-8], out,
     )  # fmt: skip
     for whole in (whole_out, whole_points, whole_base, ends):
         assert (whole[:8] == 7).all() and (whole[len(whole) - 8 :] == 7).all()
