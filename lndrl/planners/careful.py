@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from lndrl.config import RunConfig
-from lndrl.models import NonNegative
+from lndrl.models import NonNegative, Positive, Seconds
 from lndrl.navigation import Observation
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 
@@ -24,10 +24,25 @@ from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 class CarefulConfig(PredictiveConfig):
     """Parameters of the planner (ours): those of ``predictive``, and what the belief asks for."""
 
+    second_horizon: Seconds = Field(
+        3.2, le=60.0, description="s that the second action is followed"
+    )
+    heading_weight: NonNegative = Field(4.0, description="per rad that the end looks past the way")
+    wall_weight: NonNegative = Field(4.0, description="of a wall at the robot's edge")
+    person_weight: NonNegative = Field(8.0, description="of a person at the robot's edge")
+    person_reach: Positive = Field(0.9, description="m from a person at which the price is 0")
+    touch_fade: Seconds = Field(1.0, description="s in which the price of touching falls by e")
+    detour_reach: NonNegative = Field(
+        8.0,
+        le=50.0,
+        description="m around the robot in which ways around walls are sought; 0: none",
+    )
     rate_weight: NonNegative = Field(5.0, description="per rad²/s: the square of a turn's rate")
     gentle_rate: NonNegative = Field(0.3, description="rad/s, above which a turn is sharp")
-    sharp_weight: NonNegative = Field(30.0, description="of a first action that turns sharply")
+    sharp_weight: NonNegative = Field(20.0, description="of a first action that turns sharply")
     sharp_later: NonNegative = Field(0.5, description="share of it for the second action")
+    stand_weight: NonNegative = Field(3.0, description="of standing still first")
+    slow_weight: NonNegative = Field(3.0, description="per m/s below the fastest, at first")
     change_weight: NonNegative = Field(2.0, description="per rad/s that the rate changes")
     doubt_weight: NonNegative = Field(1.0, description="times turning is dearer per m² + rad²")
     crowd_weight: NonNegative = Field(0.0, description="per m/s, times the hidden share")
@@ -82,6 +97,9 @@ class CarefulPlanner(PredictivePlanner):
         p = self._careful
         last = self._commands[rows]
         start = p.change_weight * np.abs(self._actions[None, :, 1] - last[:, -1:, 1])
+        v = self._actions[:, 0]
+        start = start + p.slow_weight * (v.max() - v)
+        start[:, self._stand] += p.stand_weight
         variance = observation.goal[:, 3:].astype(np.float64).sum(axis=1)
         turning = 1.0 + p.doubt_weight * np.minimum(np.nan_to_num(variance, nan=10.0), 10.0)
         if p.crowd_weight:

@@ -42,6 +42,16 @@ class PredictiveConfig(Model):
     people_hide: NonNegative = Field(
         0.4, description="m around a person within which echoes are the person's"
     )
+    detour_reach: NonNegative = Field(
+        0.0,
+        le=50.0,
+        description="m around the robot in which ways around walls are sought; 0: none",
+    )
+    detour_cell: Positive = Field(
+        0.2, ge=0.05, description="m of the grid in which they are sought"
+    )
+    detour_blocked: NonNegative = Field(0.25, le=5.0, description="m from a wall that are no way")
+    detour_close: NonNegative = Field(0.45, le=5.0, description="m from a wall that are avoided")
     spacing: NonNegative = Field(0.06, description="m between neighbouring echoes that count")
 
 
@@ -67,7 +77,7 @@ class PredictivePlanner:
             p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
             p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin,
             p.person_margin, config.world.robot_radius,
-            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest,
+            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest, p.detour_cell, p.detour_blocked, p.detour_close,
         )  # fmt: skip
         self._beams = laser.beams
         bearing = laser.field_of_view * (np.arange(laser.beams) / laser.beams - 0.5)
@@ -81,6 +91,9 @@ class PredictivePlanner:
         self._points = np.empty((laser.beams, 2))
         self._base = np.empty(len(self._actions))
         self._ends = np.empty(len(self._actions), np.int64)
+        cells = 2 * int(np.ceil(p.detour_reach / p.detour_cell)) + 1
+        self._effort = np.empty((cells, cells))
+        self._detours = np.zeros((cells, cells))
         self._stand = int(np.argmin(np.abs(self._actions).sum(axis=1)))
 
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
@@ -117,12 +130,14 @@ class PredictivePlanner:
         out = np.empty((len(observation), len(self._actions)))
         p = self.parameters
         decide(
-            observation.scan[:, -self._beams :], self._directions, self._scale, self._reach,
+            observation.scan[:, -self._beams :], self._directions, self._scale,
+            max(self._reach, p.detour_reach * 1.5), self._reach,
             p.spacing, observation.pedestrians, observation.pedestrian_count, p.people_hide,
             observation.goal if goals is None else goals, self._rollouts, self._prices,
             np.ones(len(out)) if turning is None else turning,
             np.zeros(out.shape) if start is None else start,
-            every, self._points, self._base, self._ends, out,
+            every, self._points, self._base, self._ends,
+            self._effort, self._detours, out,
         )  # fmt: skip
         return out
 

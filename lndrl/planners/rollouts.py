@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.planners.detours import detour_at, spread, stamp, way_on
+
 Floats = NDArray[np.float64]
 
 
@@ -53,6 +55,9 @@ class Prices(NamedTuple):
     person_radius: float
     arrive: float
     arrive_gain: float
+    cell: float
+    blocked: float
+    close: float
 
 
 def arc_poses(actions: Floats, times: Floats) -> Floats:
@@ -129,6 +134,17 @@ def near_points(scan, directions, scale, reach, spacing, people, count, person_r
 
 
 @njit(cache=True, nogil=True)
+def keep_near(points, reach):
+    """Move those of ``points`` (P, 2) within ``reach`` m to the front; returns how many."""
+    kept = 0
+    for k in range(points.shape[0]):
+        if points[k, 0] * points[k, 0] + points[k, 1] * points[k, 1] <= reach * reach:
+            points[kept, 0], points[kept, 1] = points[k, 0], points[k, 1]
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
 def measure(path, times, points, people, prices, nearest_wall, nearest_person, touch, limit):
     """How near ``path`` (T, 2), m at ``times`` (T,) s, comes to walls and people.
 
@@ -184,7 +200,7 @@ def arrival(path, goal, arrive):
 
 
 @njit(cache=True, nogil=True)
-def goal_costs(rollouts, prices, goal, turning, start, i, base, ends):
+def goal_costs(rollouts, prices, goal, detours, turning, start, i, base, ends):
     """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
 
     ``ends`` (A,): how many samples of the second arc are driven. ``goal`` (2,) m in the robot
@@ -218,11 +234,12 @@ def goal_costs(rollouts, prices, goal, turning, start, i, base, ends):
             base[j] += prices.goal * prices.arrive
             ends[j] += 1
         else:
-            dx = goal[0] - rollouts.end[i, j, 0]
-            dy = goal[1] - rollouts.end[i, j, 1]
-            past = math.atan2(dy, dx) - rollouts.end[i, j, 2]
+            x, y, yaw = rollouts.end[i, j]
+            past = way_on(detours, prices.cell, goal, x, y) - yaw
             past -= 2.0 * math.pi * math.floor(past / (2.0 * math.pi) + 0.5)
-            base[j] += prices.goal * math.sqrt(dx * dx + dy * dy) + prices.heading * abs(past)
+            distance = math.hypot(goal[0] - x, goal[1] - y)
+            distance += detour_at(detours, prices.cell, x, y)
+            base[j] += prices.goal * distance + prices.heading * abs(past)
         least = min(least, base[j])
     if before < rollouts.first.shape[1]:
         return before + 1, base[0]
@@ -230,7 +247,9 @@ def goal_costs(rollouts, prices, goal, turning, start, i, base, ends):
 
 
 @njit(cache=True, nogil=True)
-def first_costs(rollouts, prices, goal, points, people, turning, start, every, base, ends, out):
+def first_costs(
+    rollouts, prices, goal, detours, points, people, turning, start, every, base, ends, out
+):
     """Write to ``out`` (A,) the cost of the cheapest pair that begins with each action.
 
     ``goal`` (2,), ``points`` (P, 2) m and ``people`` (M, 4) m and m/s in the robot frame;
@@ -243,7 +262,9 @@ def first_costs(rollouts, prices, goal, points, people, turning, start, every, b
     for i in range(min(out.shape[0], start.shape[0])):
         cheapest = np.inf if every else best
         out[i] = np.inf
-        before, least = goal_costs(rollouts, prices, goal, turning, start[i], i, base, ends)
+        before, least = goal_costs(
+            rollouts, prices, goal, detours, turning, start[i], i, base, ends
+        )
         if not least < cheapest:
             continue
         wall, person, touch, cost = measure(
@@ -267,8 +288,8 @@ def first_costs(rollouts, prices, goal, points, people, turning, start, every, b
 
 @njit(cache=True, nogil=True)
 def decide(
-    scans, directions, scale, reach, spacing, pedestrians, counts, person_reach, goals,
-    rollouts, prices, turning, start, every, points, base, ends, out,
+    scans, directions, scale, sight, reach, spacing, pedestrians, counts, person_reach, goals,
+    rollouts, prices, turning, start, every, points, base, ends, effort, detours, out,
 ):  # fmt: skip
     """``first_costs`` of many observations, rows of ``out`` (B, A); each row for itself.
 
@@ -281,10 +302,14 @@ def decide(
         count = min(np.int64(counts[row]), pedestrians.shape[1])
         people = pedestrians[row, :count].astype(np.float64)
         kept = near_points(
-            scans[row], directions, scale, reach, spacing, people, count, person_reach, points
+            scans[row], directions, scale, sight, spacing, people, count, person_reach, points
         )
         goal = goals[row].astype(np.float64)
+        if detours.shape[0] > 1:
+            stamp(points[:kept], prices.cell, prices.blocked, prices.close, effort)
+            spread(effort, goal, prices.cell, detours)
+            kept = keep_near(points[:kept], reach)
         first_costs(
-            rollouts, prices, goal, points[:kept], people, turning[row], start[row], every,
+            rollouts, prices, goal, detours, points[:kept], people, turning[row], start[row], every,
             base, ends, out[row],
         )  # fmt: skip
