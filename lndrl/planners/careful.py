@@ -40,9 +40,10 @@ class CarefulConfig(PredictiveConfig):
     rate_weight: NonNegative = Field(5.0, description="per rad²/s: the square of a turn's rate")
     gentle_rate: NonNegative = Field(0.3, description="rad/s, above which a turn is sharp")
     sharp_weight: NonNegative = Field(20.0, description="of a first action that turns sharply")
-    sharp_later: NonNegative = Field(0.5, description="share of it for the second action")
-    stand_weight: NonNegative = Field(3.0, description="of standing still first")
-    slow_weight: NonNegative = Field(3.0, description="per m/s below the fastest, at first")
+    sharp_later: NonNegative = Field(0.0, description="share of it for the second action")
+    stand_weight: NonNegative = Field(6.0, description="of standing still first")
+    slow_weight: NonNegative = Field(1.0, description="per m/s below the fastest, at first")
+    spot_weight: NonNegative = Field(0.0, description="per rad turned at no speed")
     change_weight: NonNegative = Field(2.0, description="per rad/s that the rate changes")
     doubt_weight: NonNegative = Field(1.0, description="times turning is dearer per m² + rad²")
     crowd_weight: NonNegative = Field(0.0, description="per m/s, times the hidden share")
@@ -81,6 +82,10 @@ class CarefulPlanner(PredictivePlanner):
         v, w = self._actions.T
         each = p.first_horizon * (w * w)[:, None] + p.second_horizon * (w * w)[None]
         speed = p.first_horizon * (v * v)[:, None] + p.second_horizon * (v * v)[None]
+        spot = np.abs(w) * (1.0 - v / v.max())
+        each = each + p.spot_weight / max(p.rate_weight, 1e-9) * (
+            p.first_horizon * spot[:, None] + p.second_horizon * spot[None]
+        )
         change = np.abs(w[:, None] - w[None])
         sharp = np.abs(w) > p.gentle_rate + 1e-9
         return (

@@ -18,6 +18,9 @@ from lndrl.planners.detours import detour_at, spread, stamp, way_on
 
 Floats = NDArray[np.float64]
 
+TOUCHED = 0.3
+"""Share of the price of touching that is due at once where the margin is not kept."""
+
 
 class Rollouts(NamedTuple):
     """Every pair of A actions, sampled in time; made once by ``make_rollouts``, never changed.
@@ -168,14 +171,23 @@ def measure(path, times, points, people, prices, nearest_wall, nearest_person, t
                 person = squared
         wall = math.sqrt(wall) - prices.robot_radius
         person = math.sqrt(person) - prices.robot_radius - prices.person_radius
-        if wall < prices.wall_margin or person < prices.person_margin:
-            touch = max(touch, prices.touch * math.exp(-times[k] / prices.touch_fade))
+        depth = max(depth_of(wall, prices.wall_margin), depth_of(person, prices.person_margin))
+        if depth > 0.0:
+            touch = max(touch, prices.touch * depth * math.exp(-times[k] / prices.touch_fade))
         nearest_wall = min(nearest_wall, wall)
         nearest_person = min(nearest_person, person)
         cost = clearance_cost(nearest_wall, nearest_person, touch, prices)
         if cost >= limit:
             break
     return nearest_wall, nearest_person, touch, cost
+
+
+@njit(cache=True, nogil=True)
+def depth_of(clearance, margin):
+    """How bad a ``clearance`` (m) below ``margin`` is: from TOUCHED there to 1 at none; else 0."""
+    if not clearance < margin:
+        return 0.0
+    return TOUCHED + (1.0 - TOUCHED) * min(1.0 - clearance / margin, 1.0) if margin > 0.0 else 1.0
 
 
 @njit(cache=True, nogil=True)
@@ -224,7 +236,7 @@ def goal_costs(rollouts, prices, goal, detours, turning, start, i, base, ends):
         if before < rollouts.first.shape[1]:
             ends[j] = 0
             base[j] = prices.arrive_gain * (rollouts.first_times[before] - horizon)
-            base[j] += prices.goal * prices.arrive + start
+            base[j] += prices.goal * prices.arrive + turning * rollouts.price[i].min() + start
             continue
         if near:
             ends[j] = arrival(rollouts.second[i, j], goal, prices.arrive)
