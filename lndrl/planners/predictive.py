@@ -19,6 +19,9 @@ from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.planners.rollouts import Prices, decide, make_rollouts
 
 
+_FEATURES = 48
+
+
 class PredictiveConfig(Model):
     """Parameters of the planner (ours); clearances are from the robot's edge."""
 
@@ -52,6 +55,9 @@ class PredictiveConfig(Model):
     )
     detour_blocked: NonNegative = Field(0.25, le=5.0, description="m from a wall that are no way")
     detour_close: NonNegative = Field(0.45, le=5.0, description="m from a wall that are avoided")
+    view_weight: NonNegative = Field(
+        0.0, description="of an end from which nothing is seen of the walls that are seen now"
+    )
     spacing: NonNegative = Field(0.06, description="m between neighbouring echoes that count")
 
 
@@ -77,7 +83,7 @@ class PredictivePlanner:
             p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
             p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin,
             p.person_margin, config.world.robot_radius,
-            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest, p.detour_cell, p.detour_blocked, p.detour_close,
+            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest, p.detour_cell, p.detour_blocked, p.detour_close, p.view_weight, laser.range_max,
         )  # fmt: skip
         self._beams = laser.beams
         bearing = laser.field_of_view * (np.arange(laser.beams) / laser.beams - 0.5)
@@ -88,12 +94,17 @@ class PredictivePlanner:
             + config.world.robot_radius
             + max(p.wall_reach, p.wall_margin)
         )
+        # All around where ways are sought or features kept in view; else what can be touched.
+        self._sight = max(self._reach, 1.5 * p.detour_reach)
+        if p.view_weight > 0.0:
+            self._sight = laser.range_max
         self._points = np.empty((laser.beams, 2))
         self._base = np.empty(len(self._actions))
         self._ends = np.empty(len(self._actions), np.int64)
         cells = 2 * int(np.ceil(p.detour_reach / p.detour_cell)) + 1
         self._effort = np.empty((cells, cells))
         self._detours = np.zeros((cells, cells))
+        self._features = np.empty((_FEATURES if p.view_weight > 0.0 else 0, 2))
         self._stand = int(np.argmin(np.abs(self._actions).sum(axis=1)))
 
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
@@ -131,13 +142,13 @@ class PredictivePlanner:
         p = self.parameters
         decide(
             observation.scan[:, -self._beams :], self._directions, self._scale,
-            max(self._reach, p.detour_reach * 1.5), self._reach,
+            self._sight, self._reach,
             p.spacing, observation.pedestrians, observation.pedestrian_count, p.people_hide,
             observation.goal if goals is None else goals, self._rollouts, self._prices,
             np.ones(len(out)) if turning is None else turning,
             np.zeros(out.shape) if start is None else start,
             every, self._points, self._base, self._ends,
-            self._effort, self._detours, out,
+            self._effort, self._detours, self._features, out,
         )  # fmt: skip
         return out
 

@@ -61,6 +61,8 @@ class Prices(NamedTuple):
     cell: float
     blocked: float
     close: float
+    unseen: float
+    sight: float
 
 
 def arc_poses(actions: Floats, times: Floats) -> Floats:
@@ -137,6 +139,15 @@ def near_points(scan, directions, scale, reach, spacing, people, count, person_r
 
 
 @njit(cache=True, nogil=True)
+def spread_out(points, out):
+    """Copy ``points`` (P, 2) to ``out`` (F, 2), of too many evenly some; returns how many."""
+    kept = min(points.shape[0], out.shape[0])
+    for k in range(kept):
+        out[k] = points[k * points.shape[0] // kept]
+    return kept
+
+
+@njit(cache=True, nogil=True)
 def keep_near(points, reach):
     """Move those of ``points`` (P, 2) within ``reach`` m to the front; returns how many."""
     kept = 0
@@ -202,6 +213,20 @@ def clearance_cost(wall, person, touch, prices):
 
 
 @njit(cache=True, nogil=True)
+def out_of_view(features, x, y, yaw, sight):
+    """Share of ``features`` (F, 2) behind the pose or farther than ``sight`` m from it."""
+    if features.shape[0] == 0:
+        return 0.0
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    seen = 0
+    for k in range(features.shape[0]):
+        dx, dy = features[k, 0] - x, features[k, 1] - y
+        if dx * cosine + dy * sine > 0.0 and dx * dx + dy * dy < sight * sight:
+            seen += 1
+    return 1.0 - seen / features.shape[0]
+
+
+@njit(cache=True, nogil=True)
 def arrival(path, goal, arrive):
     """Index of the first of ``path`` (T, 2) within ``arrive`` m of ``goal`` (2,), else T."""
     for k in range(path.shape[0]):
@@ -212,7 +237,7 @@ def arrival(path, goal, arrive):
 
 
 @njit(cache=True, nogil=True)
-def goal_costs(rollouts, prices, goal, detours, turning, start, i, base, ends):
+def goal_costs(rollouts, prices, goal, detours, features, turning, start, i, base, ends):
     """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
 
     ``ends`` (A,): how many samples of the second arc are driven. ``goal`` (2,) m in the robot
@@ -252,6 +277,8 @@ def goal_costs(rollouts, prices, goal, detours, turning, start, i, base, ends):
             distance = math.hypot(goal[0] - x, goal[1] - y)
             distance += detour_at(detours, prices.cell, x, y)
             base[j] += prices.goal * distance + prices.heading * abs(past)
+            if prices.unseen > 0.0:
+                base[j] += prices.unseen * out_of_view(features, x, y, yaw, prices.sight)
         least = min(least, base[j])
     if before < rollouts.first.shape[1]:
         return before + 1, base[0]
@@ -260,13 +287,14 @@ def goal_costs(rollouts, prices, goal, detours, turning, start, i, base, ends):
 
 @njit(cache=True, nogil=True)
 def first_costs(
-    rollouts, prices, goal, detours, points, people, turning, start, every, base, ends, out
-):
+    rollouts, prices, goal, detours, features, points, people, turning, start, every, base, ends,
+    out,
+):  # fmt: skip
     """Write to ``out`` (A,) the cost of the cheapest pair that begins with each action.
 
     ``goal`` (2,), ``points`` (P, 2) m and ``people`` (M, 4) m and m/s in the robot frame;
-    ``turning`` and ``start`` (A,) as in ``goal_costs``; ``base``, ``ends`` (A,) working memory.
-    Unless ``every``, pairs are only followed until they are
+    ``detours`` (N, N), ``features`` (F, 2), ``turning`` and ``start`` (A,) as in ``goal_costs``;
+    ``base``, ``ends`` (A,) working memory. Unless ``every``, pairs are only followed until they are
     dearer than the cheapest of all: the least entry is exact, others are at least the least.
     Infinite where no cost is a number.
     """
@@ -275,7 +303,7 @@ def first_costs(
         cheapest = np.inf if every else best
         out[i] = np.inf
         before, least = goal_costs(
-            rollouts, prices, goal, detours, turning, start[i], i, base, ends
+            rollouts, prices, goal, detours, features, turning, start[i], i, base, ends
         )
         if not least < cheapest:
             continue
@@ -301,7 +329,8 @@ def first_costs(
 @njit(cache=True, nogil=True)
 def decide(
     scans, directions, scale, sight, reach, spacing, pedestrians, counts, person_reach, goals,
-    rollouts, prices, turning, start, every, points, base, ends, effort, detours, out,
+    rollouts, prices, turning, start, every, points, base, ends, effort, detours,
+    features, out,
 ):  # fmt: skip
     """``first_costs`` of many observations, rows of ``out`` (B, A); each row for itself.
 
@@ -317,11 +346,12 @@ def decide(
             scans[row], directions, scale, sight, spacing, people, count, person_reach, points
         )
         goal = goals[row].astype(np.float64)
+        seen = spread_out(points[:kept], features)
         if detours.shape[0] > 1:
             stamp(points[:kept], prices.cell, prices.blocked, prices.close, effort)
             spread(effort, goal, prices.cell, detours)
-            kept = keep_near(points[:kept], reach)
+        kept = keep_near(points[:kept], reach)
         first_costs(
-            rollouts, prices, goal, detours, points[:kept], people, turning[row], start[row], every,
-            base, ends, out[row],
+            rollouts, prices, goal, detours, features[:seen], points[:kept], people, turning[row],
+            start[row], every, base, ends, out[row],
         )  # fmt: skip

@@ -219,6 +219,7 @@ def test_whatever_comes_in_nothing_is_written_outside(
     whole_points, points = guarded(data.draw(st.integers(0, 40)), 2)
     whole_base, base = guarded(28)
     ends = np.full(44, 7)
+    whole_features, features = guarded(data.draw(st.integers(0, 5)), 2)
     whole_effort, effort = guarded(*[data.draw(st.integers(0, 5))] * 2)
     whole_detours, detours = guarded(*[data.draw(st.integers(0, 5))] * 2)
     people = random.choice(NUMBERS, (rows, most, 4)).astype(np.float32)
@@ -232,9 +233,17 @@ def test_whatever_comes_in_nothing_is_written_outside(
         random.choice(NUMBERS, data.draw(st.integers(0, 3))),
         random.choice(NUMBERS, (data.draw(st.integers(0, 3)), data.draw(st.integers(0, 28)))),
         data.draw(st.booleans()), points, base, ends[8:-8],
-        effort, detours, out,
+        effort, detours, features, out,
     )  # fmt: skip
-    for whole in (whole_out, whole_points, whole_base, whole_effort, whole_detours, ends):
+    for whole in (
+        whole_out,
+        whole_points,
+        whole_base,
+        whole_effort,
+        whole_detours,
+        whole_features,
+        ends,
+    ):
         assert (whole[:8] == 7).all() and (whole[len(whole) - 8 :] == 7).all()
 
 
