@@ -18,16 +18,17 @@ from lndrl.navigation import Observation, action_table
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.planners.rollouts import Prices, decide, make_rollouts
 
-
-_FEATURES = 48
+_FEATURES = 48  # echoes that stand for what is seen
 
 
 class PredictiveConfig(Model):
     """Parameters of the planner (ours); clearances are from the robot's edge."""
 
-    first_horizon: Seconds = Field(0.8, le=60.0, description="s that the first action is followed")
-    second_horizon: Seconds = Field(2.4, le=60.0, description="s that the second is, from there")
-    sample_period: Seconds = Field(0.2, description="s between two looks at the clearance, at most")
+    first_horizon: Seconds = Field(0.8, le=10.0, description="s that the first action is followed")
+    second_horizon: Seconds = Field(2.4, le=10.0, description="s that the second is, from there")
+    sample_period: Seconds = Field(
+        0.2, ge=0.02, description="s between two looks at the clearance, at most"
+    )
     goal_weight: NonNegative = Field(10.0, description="per metre from the end to the goal")
     heading_weight: NonNegative = Field(1.5, description="per rad that the end looks past the goal")
     turning_weight: NonNegative = Field(0.1, description="per rad turned on the way")
@@ -47,12 +48,10 @@ class PredictiveConfig(Model):
     )
     detour_reach: NonNegative = Field(
         0.0,
-        le=50.0,
+        le=20.0,
         description="m around the robot in which ways around walls are sought; 0: none",
     )
-    detour_cell: Positive = Field(
-        0.2, ge=0.05, description="m of the grid in which they are sought"
-    )
+    detour_cell: Positive = Field(0.2, ge=0.1, description="m of the grid in which they are sought")
     detour_blocked: NonNegative = Field(0.25, le=5.0, description="m from a wall that are no way")
     detour_close: NonNegative = Field(0.45, le=5.0, description="m from a wall that are avoided")
     view_weight: NonNegative = Field(
@@ -81,9 +80,10 @@ class PredictivePlanner:
         fastest = np.abs(self._actions[:, 0]).max()
         self._prices = Prices(
             p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
-            p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin,
-            p.person_margin, config.world.robot_radius,
-            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest, p.detour_cell, p.detour_blocked, p.detour_close, p.view_weight, laser.range_max,
+            p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin, p.person_margin,
+            config.world.robot_radius, p.person_radius, config.task.arrive_distance,
+            p.goal_weight * fastest, p.detour_cell, p.detour_blocked, p.detour_close,
+            p.view_weight, laser.range_max,
         )  # fmt: skip
         self._beams = laser.beams
         bearing = laser.field_of_view * (np.arange(laser.beams) / laser.beams - 0.5)
@@ -112,10 +112,7 @@ class PredictivePlanner:
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``; stands still where the goal is not a number."""
-        costs = self._decide(observation, every=False)
-        chosen = costs.argmin(axis=1)
-        chosen[np.isinf(costs).all(axis=1)] = self._stand
-        return self._actions[chosen]
+        return self._actions[self._cheapest(self._decide(observation, every=False))]
 
     def costs(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """Costs (B, A) of beginning with each action of the table, the second the best after it.
@@ -130,6 +127,12 @@ class PredictivePlanner:
         each = p.first_horizon * turned[:, None] + p.second_horizon * turned[None]
         return p.turning_weight * each
 
+    def _cheapest(self, costs: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The cheapest of ``costs`` (B, A), (B,); standing still where none is a number."""
+        chosen = costs.argmin(axis=1)
+        chosen[np.isinf(costs).all(axis=1)] = self._stand
+        return chosen
+
     def _decide(
         self,
         observation: Observation,
@@ -138,17 +141,17 @@ class PredictivePlanner:
         turning: NDArray[np.float64] | None = None,
         start: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
+        """Costs (B, A), of all or of those that may be the least; by default the observed goals,
+        the plain price of turning, and nothing for how it starts."""
         out = np.empty((len(observation), len(self._actions)))
         p = self.parameters
         decide(
-            observation.scan[:, -self._beams :], self._directions, self._scale,
-            self._sight, self._reach,
-            p.spacing, observation.pedestrians, observation.pedestrian_count, p.people_hide,
-            observation.goal if goals is None else goals, self._rollouts, self._prices,
-            np.ones(len(out)) if turning is None else turning,
-            np.zeros(out.shape) if start is None else start,
-            every, self._points, self._base, self._ends,
-            self._effort, self._detours, self._features, out,
+            observation.scan[:, -self._beams :], self._directions, self._scale, self._sight,
+            self._reach, p.spacing, observation.pedestrians, observation.pedestrian_count,
+            p.people_hide, observation.goal if goals is None else goals, self._rollouts,
+            self._prices, np.ones(len(out)) if turning is None else turning,
+            np.zeros(out.shape) if start is None else start, every, self._points, self._base,
+            self._ends, self._effort, self._detours, self._features, out,
         )  # fmt: skip
         return out
 

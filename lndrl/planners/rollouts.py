@@ -42,6 +42,8 @@ class Prices(NamedTuple):
     """What kernels weigh pairs with; lengths (m) are clearances from the robot's edge.
 
     Within ``arrive`` m of the goal a way ends, and each s that is left earns ``arrive_gain``.
+    ``cell``, ``blocked`` and ``close`` (m) are those of ``detours.stamp``; ``unseen`` is the price
+    of an end that none of the walls in sight is seen from, ``sight`` (m) how far the laser sees.
     """
 
     goal: float
@@ -241,8 +243,9 @@ def goal_costs(rollouts, prices, goal, detours, features, turning, start, i, bas
     """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
 
     ``ends`` (A,): how many samples of the second arc are driven. ``goal`` (2,) m in the robot
-    frame; ``turning`` is a factor on the price of turning, ``start`` the price of beginning with
-    ``i``. Returns how many samples of the first arc are driven, and the least of the costs.
+    frame, ``detours`` (N, N) m longer than straight, or (1, 1) for none; ``features`` (F, 2) m
+    should stay in view; ``turning`` is a factor on the price of turning, ``start`` the price of
+    beginning with ``i``. Returns how many samples of the first arc are driven, and the least cost.
     """
     times = rollouts.second_times
     horizon = times[-1]

@@ -92,7 +92,7 @@ def test_a_belief_in_doubt_turns_less(config: RunConfig) -> None:
     )
     dearer = (unsure - sure).reshape(4, 7)
     assert (dearer > 0).all()
-    assert (dearer[:, [0, 1, 5, 6]].min(axis=1) > 5.0 * dearer[:, 2:5].max(axis=1)).all()
+    assert (dearer[:, [0, 1, 5, 6]].min(axis=1) > dearer[:, 2:5].max(axis=1) + 5.0).all()
     assert np.abs(table[unsure.argmin(), 1]) <= np.abs(table[sure.argmin(), 1])
 
 
@@ -112,7 +112,9 @@ def test_a_goal_that_is_old_is_moved_on(config: RunConfig, delay: int) -> None:
             now.costs(seen(tuple(goals[1])), ROWS),
             atol=1e-4,
         )
-        (v, w), other = (p.act(seen(tuple(g)), ROWS)[0] for p, g in zip((old, now), goals))
+        (v, w), other = (
+            p.act(seen(tuple(g)), ROWS)[0] for p, g in zip((old, now), goals, strict=True)
+        )
         np.testing.assert_array_equal((v, w), other)
         for _ in range(1000):
             middle = pose[2] + 0.5e-3 * w * PERIOD
