@@ -38,10 +38,13 @@ class CarefulConfig(PredictiveConfig):
         le=20.0,
         description="m around the robot in which ways around walls are sought; 0: none",
     )
-    rate_weight: NonNegative = Field(5.0, description="per rad²/s: the square of a turn's rate")
-    change_weight: NonNegative = Field(2.0, description="per rad/s that the rate changes")
+    rate_weight: NonNegative = Field(10.0, description="per rad²/s: the square of a turn's rate")
+    change_weight: NonNegative = Field(4.0, description="per rad/s that the rate changes")
     gentle_rate: NonNegative = Field(0.3, description="rad/s, above which a turn is sharp")
     sharp_weight: NonNegative = Field(40.0, description="of a first action that turns sharply")
+    settled_variance: Positive = Field(
+        0.003, description="m² + rad² of the belief's variances, above which turning is cheaper"
+    )
     doubt_weight: NonNegative = Field(
         1.0, description="how much dearer turning is per m² and rad² of the belief's variances"
     )
@@ -103,16 +106,27 @@ class CarefulPlanner(PredictivePlanner):
     ) -> NDArray[np.float64]:
         p, (v, w) = self._careful, self._actions.T
         last = self._commands[rows]
-        start = p.change_weight * np.abs(w - last[:, -1:, 1])
-        start += p.slow_weight * (v.max() - v)
+        variance = observation.goal[:, 3:].astype(np.float64).sum(axis=1)
+        turning = price_of_turning(np.nan_to_num(variance, nan=0.0, posinf=1e6), p)
+        start = turning[:, None] * p.change_weight * np.abs(w - last[:, -1:, 1])
         start += p.wait_weight * _hidden_share(observation)[:, None] * np.abs(v)
         start[:, self._stand] += p.stand_weight
-        variance = observation.goal[:, 3:].astype(np.float64).sum(axis=1)
-        turning = 1.0 + p.doubt_weight * np.nan_to_num(variance, nan=0.0, posinf=1e6)
+        start += p.slow_weight * (v.max() - v)
         goals = observation.goal[:, :2].astype(np.float64)
         for k in range(1, self._delay + 1):
             goals = moved_on(goals, last[:, k], self._period)
         return self._decide(observation, every, goals, turning, start)
+
+
+def price_of_turning(variance: NDArray[np.float64], p: CarefulConfig) -> NDArray[np.float64]:
+    """Factor (B,) on what turning costs, by the sum of the belief's variances (B,), m² + rad².
+
+    Least while the cloud is wide, as at the start: then some of it has slipped as the robot has,
+    and the filter follows. A cloud that has settled is left behind. Much wider ones are several
+    clouds, which a turn must not decide between.
+    """
+    wide = np.maximum(variance, p.settled_variance) / p.settled_variance
+    return 1.0 / (wide * wide) + p.doubt_weight * variance
 
 
 def _hidden_share(observation: Observation) -> NDArray[np.float64]:

@@ -84,16 +84,24 @@ def test_it_goes_around_what_the_other_stands_before(config: RunConfig) -> None:
     assert np.hypot(poses[:, 0] - 4.0, poses[:, 1]).min() > 0.5
 
 
-def test_a_belief_in_doubt_turns_less(config: RunConfig) -> None:
-    table = action_table(config.task)
+def test_turning_is_dear_where_the_filter_cannot_follow(config: RunConfig) -> None:
+    """A settled cloud is left behind, a wide one follows, several clouds must not be mixed up."""
     planner = fresh(config)
-    sure, unsure = (
-        planner.costs(seen((2.0, 2.0), variances=(each, each, 0.0)), ROWS)[0] for each in (0.0, 0.5)
+    settled, wide, several = (
+        planner.costs(seen((2.0, 2.0), variances=(each, each, 0.0)), ROWS)[0].reshape(4, 7)
+        for each in (0.0, 0.003, 0.5)
     )
-    dearer = (unsure - sure).reshape(4, 7)
-    assert (dearer > 0).all()
-    assert (dearer[:, [0, 1, 5, 6]].min(axis=1) > dearer[:, 2:5].max(axis=1) + 5.0).all()
-    assert np.abs(table[unsure.argmin(), 1]) <= np.abs(table[sure.argmin(), 1])
+    gentle, sharp = [2, 3, 4], [0, 1, 5, 6]
+    assert (settled[:, sharp] - wide[:, sharp]).min() > (settled - wide)[:, gentle].max() + 5.0
+    assert (several[:, sharp] - wide[:, sharp]).min() > (several - wide)[:, gentle].max() + 5.0
+
+
+def test_it_turns_round_while_the_cloud_is_wide(config: RunConfig) -> None:
+    """Sharply at the start, gently once the cloud has settled."""
+    behind = seen((-5.0, 1.0), variances=(0.0025, 0.0025, 0.0027))
+    assert abs(fresh(config).act(behind, ROWS)[0, 1]) > GENTLE
+    settled = seen((-5.0, 1.0), variances=(1e-4, 1e-4, 1e-4))
+    assert 0.0 < abs(fresh(config).act(settled, ROWS)[0, 1]) <= GENTLE
 
 
 @pytest.mark.parametrize("delay", [1, 3])
