@@ -28,7 +28,7 @@ class CarefulConfig(PredictiveConfig):
     """Parameters of the planner (ours): those of ``predictive``, and what the belief asks for."""
 
     second_horizon: Seconds = Field(3.2, le=10.0, description="s that the second is, from there")
-    heading_weight: NonNegative = Field(3.0, description="per rad that the end looks past the way")
+    heading_weight: NonNegative = Field(4.0, description="per rad that the end looks past the way")
     wall_weight: NonNegative = Field(4.0, description="of a wall at the robot's edge")
     person_weight: NonNegative = Field(8.0, description="of a person at the robot's edge")
     person_reach: Positive = Field(0.9, description="m from a person at which the price is 0")
