@@ -26,7 +26,7 @@ def spread_slowly(effort: Floats, goal: tuple[float, float]) -> Floats:
     for i, j in np.ndindex(effort.shape):
         if {i, j} & {0, CELLS - 1} or (i, j) == (row, column):
             far[i, j] = octile(i - row, j - column)
-            queue.append((far[i, j], i, j))
+            queue.append((float(far[i, j]), i, j))
     heapq.heapify(queue)
     while queue:
         reached, i, j = heapq.heappop(queue)
