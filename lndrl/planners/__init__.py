@@ -1,6 +1,7 @@
 """Anything that turns an observation into a velocity: the learned policy, and rules."""
 
 from lndrl.planners.behaviour import behaviour_hash
+from lndrl.planners.careful import CarefulConfig, CarefulPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import (
     PlannerSource,
@@ -16,6 +17,8 @@ from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 __all__ = [
+    "CarefulConfig",
+    "CarefulPlanner",
     "DWAConfig",
     "DWAPlanner",
     "Planner",

@@ -10,6 +10,7 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, installed, is_own
 from lndrl.models import Model, validate
+from lndrl.planners.careful import CarefulConfig, CarefulPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.own import OwnPlanner
@@ -21,6 +22,7 @@ RULES: dict[str, Callable[..., Planner]] = {
     StraightPlanner.name: StraightPlanner,
     DWAPlanner.name: DWAPlanner,
     PredictivePlanner.name: PredictivePlanner,
+    CarefulPlanner.name: CarefulPlanner,
 }
 """Planners that need no weights: two floors, the classical baseline, and one that looks ahead.
 Called with a configuration, and those of PARAMETERS with their parameters."""
@@ -28,6 +30,7 @@ Called with a configuration, and those of PARAMETERS with their parameters."""
 PARAMETERS: dict[str, type[Model]] = {
     DWAPlanner.name: DWAConfig,
     PredictivePlanner.name: PredictiveConfig,
+    CarefulPlanner.name: CarefulConfig,
 }
 """What can be set of a rule; the others have nothing to set."""
 
@@ -38,8 +41,8 @@ class PlannerSource:
 
     ``config`` and ``weights`` are those that were trained together, None for a rule. A run
     that goes on training meanwhile changes neither. ``parameters`` are a rule's, of the kind in
-    PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which gets ``settings``; it is imported
-    where it is built, not before.
+    PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which
+    gets ``settings``; it is imported where it is built, not before.
     """
 
     name: str

@@ -18,29 +18,44 @@ from lndrl.navigation import Observation, action_table
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.planners.rollouts import Prices, decide, make_rollouts
 
+_FEATURES = 48  # echoes that stand for what is seen
+
 
 class PredictiveConfig(Model):
     """Parameters of the planner (ours); clearances are from the robot's edge."""
 
-    first_horizon: Seconds = Field(0.8, le=60.0, description="s that the first action is followed")
-    second_horizon: Seconds = Field(1.6, le=60.0, description="s that the second is, from there")
-    sample_period: Seconds = Field(0.2, description="s between two looks at the clearance, at most")
+    first_horizon: Seconds = Field(0.8, le=10.0, description="s that the first action is followed")
+    second_horizon: Seconds = Field(2.4, le=10.0, description="s that the second is, from there")
+    sample_period: Seconds = Field(
+        0.2, ge=0.02, description="s between two looks at the clearance, at most"
+    )
     goal_weight: NonNegative = Field(10.0, description="per metre from the end to the goal")
-    heading_weight: NonNegative = Field(3.0, description="per rad that the end looks past the goal")
-    turning_weight: NonNegative = Field(1.0, description="per rad turned on the way")
-    wall_weight: NonNegative = Field(8.0, description="of a wall at the robot's edge")
-    wall_reach: Positive = Field(0.33, description="m from a wall at which its price is 0")
-    person_weight: NonNegative = Field(8.0, description="of a person at the robot's edge")
-    person_reach: Positive = Field(0.5, description="m from a person at which the price is 0")
+    heading_weight: NonNegative = Field(1.5, description="per rad that the end looks past the goal")
+    turning_weight: NonNegative = Field(0.1, description="per rad turned on the way")
+    wall_weight: NonNegative = Field(2.0, description="of a wall at the robot's edge")
+    wall_reach: Positive = Field(0.2, description="m from a wall at which its price is 0")
+    person_weight: NonNegative = Field(24.0, description="of a person at the robot's edge")
+    person_reach: Positive = Field(0.4, description="m from a person at which the price is 0")
     person_radius: NonNegative = Field(0.2, description="m of a person; legs reach as far (GROUP)")
     wall_margin: NonNegative = Field(
         0.05, description="m of clearance below which a wall is touched"
     )
-    person_margin: NonNegative = Field(0.1, description="m of clearance below which a person is")
-    touch_weight: NonNegative = Field(200.0, description="of what would be touched at once")
-    touch_fade: Seconds = Field(1.0, description="s in which the price of touching falls by e")
+    person_margin: NonNegative = Field(0.25, description="m of clearance below which a person is")
+    touch_weight: NonNegative = Field(1000.0, description="of what would be touched at once")
+    touch_fade: Seconds = Field(0.5, description="s in which the price of touching falls by e")
     people_hide: NonNegative = Field(
         0.4, description="m around a person within which echoes are the person's"
+    )
+    detour_reach: NonNegative = Field(
+        0.0,
+        le=20.0,
+        description="m around the robot in which ways around walls are sought; 0: none",
+    )
+    detour_cell: Positive = Field(0.2, ge=0.1, description="m of the grid in which they are sought")
+    detour_blocked: NonNegative = Field(0.25, le=5.0, description="m from a wall that are no way")
+    detour_close: NonNegative = Field(0.45, le=5.0, description="m from a wall that are avoided")
+    view_weight: NonNegative = Field(
+        0.0, description="of an end from which nothing is seen of the walls that are seen now"
     )
     spacing: NonNegative = Field(0.06, description="m between neighbouring echoes that count")
 
@@ -61,17 +76,14 @@ class PredictivePlanner:
         self._actions = action_table(config.task)
         first = _times(p.first_horizon, p.sample_period)
         second = _times(p.second_horizon, p.sample_period)
-        turned = np.abs(self._actions[:, 1])
-        price = p.turning_weight * (
-            p.first_horizon * turned[:, None] + p.second_horizon * turned[None]
-        )
-        self._rollouts = make_rollouts(self._actions, first, second, price)
+        self._rollouts = make_rollouts(self._actions, first, second, self._turning_price())
         fastest = np.abs(self._actions[:, 0]).max()
         self._prices = Prices(
             p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
-            p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin,
-            p.person_margin, config.world.robot_radius,
-            p.person_radius, config.task.arrive_distance, p.goal_weight * fastest,
+            p.person_reach, p.touch_weight, p.touch_fade, p.wall_margin, p.person_margin,
+            config.world.robot_radius, p.person_radius, config.task.arrive_distance,
+            p.goal_weight * fastest, p.detour_cell, p.detour_blocked, p.detour_close,
+            p.view_weight, laser.range_max,
         )  # fmt: skip
         self._beams = laser.beams
         bearing = laser.field_of_view * (np.arange(laser.beams) / laser.beams - 0.5)
@@ -82,9 +94,17 @@ class PredictivePlanner:
             + config.world.robot_radius
             + max(p.wall_reach, p.wall_margin)
         )
+        # All around where ways are sought or features kept in view; else what can be touched.
+        self._sight = max(self._reach, 1.5 * p.detour_reach)
+        if p.view_weight > 0.0:
+            self._sight = laser.range_max
         self._points = np.empty((laser.beams, 2))
         self._base = np.empty(len(self._actions))
         self._ends = np.empty(len(self._actions), np.int64)
+        cells = 2 * int(np.ceil(p.detour_reach / p.detour_cell)) + 1
+        self._effort = np.empty((cells, cells))
+        self._detours = np.zeros((cells, cells))
+        self._features = np.empty((_FEATURES if p.view_weight > 0.0 else 0, 2))
         self._stand = int(np.argmin(np.abs(self._actions).sum(axis=1)))
 
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
@@ -92,10 +112,7 @@ class PredictivePlanner:
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``; stands still where the goal is not a number."""
-        costs = self._decide(observation, every=False)
-        chosen = costs.argmin(axis=1)
-        chosen[np.isinf(costs).all(axis=1)] = self._stand
-        return self._actions[chosen]
+        return self._actions[self._cheapest(self._decide(observation, every=False))]
 
     def costs(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """Costs (B, A) of beginning with each action of the table, the second the best after it.
@@ -104,14 +121,37 @@ class PredictivePlanner:
         """
         return self._decide(observation, every=True)
 
-    def _decide(self, observation: Observation, every: bool) -> NDArray[np.float64]:
+    def _turning_price(self) -> NDArray[np.float64]:
+        """What the turning of every pair costs, (A, A)."""
+        p, turned = self.parameters, np.abs(self._actions[:, 1])
+        each = p.first_horizon * turned[:, None] + p.second_horizon * turned[None]
+        return p.turning_weight * each
+
+    def _cheapest(self, costs: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The cheapest of ``costs`` (B, A), (B,); standing still where none is a number."""
+        chosen = costs.argmin(axis=1)
+        chosen[np.isinf(costs).all(axis=1)] = self._stand
+        return chosen
+
+    def _decide(
+        self,
+        observation: Observation,
+        every: bool,
+        goals: NDArray[np.floating] | None = None,
+        turning: NDArray[np.float64] | None = None,
+        start: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Costs (B, A), of all or of those that may be the least; by default the observed goals,
+        the plain price of turning, and nothing for how it starts."""
         out = np.empty((len(observation), len(self._actions)))
         p = self.parameters
         decide(
-            observation.scan[:, -self._beams :], self._directions, self._scale, self._reach,
-            p.spacing, observation.pedestrians, observation.pedestrian_count, p.people_hide,
-            observation.goal, self._rollouts, self._prices, every, self._points, self._base,
-            self._ends, out,
+            observation.scan[:, -self._beams :], self._directions, self._scale, self._sight,
+            self._reach, p.spacing, observation.pedestrians, observation.pedestrian_count,
+            p.people_hide, observation.goal if goals is None else goals, self._rollouts,
+            self._prices, np.ones(len(out)) if turning is None else turning,
+            np.zeros(out.shape) if start is None else start, every, self._points, self._base,
+            self._ends, self._effort, self._detours, self._features, out,
         )  # fmt: skip
         return out
 

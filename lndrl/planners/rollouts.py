@@ -14,7 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.planners.detours import detour_at, spread, stamp, way_on
+
 Floats = NDArray[np.float64]
+
+TOUCHED = 0.3
+"""Share of the price of touching that is due at once where the margin is not kept."""
 
 
 class Rollouts(NamedTuple):
@@ -22,7 +27,7 @@ class Rollouts(NamedTuple):
 
     ``first`` (A, S, 2) and ``second`` (A, A, T, 2): positions (m, robot frame) at
     ``first_times`` (S,) and ``second_times`` (T,), s from now; ``end`` (A, A, 3): the last pose.
-    ``price`` (A, A): what a pair costs wherever the robot is.
+    ``price`` (A, A): what the turning of a pair costs.
     """
 
     first: Floats
@@ -37,6 +42,8 @@ class Prices(NamedTuple):
     """What kernels weigh pairs with; lengths (m) are clearances from the robot's edge.
 
     Within ``arrive`` m of the goal a way ends, and each s that is left earns ``arrive_gain``.
+    ``cell``, ``blocked`` and ``close`` (m) are those of ``detours.stamp``; ``unseen`` is the price
+    of an end that none of the walls in sight is seen from, ``sight`` (m) how far the laser sees.
     """
 
     goal: float
@@ -53,6 +60,11 @@ class Prices(NamedTuple):
     person_radius: float
     arrive: float
     arrive_gain: float
+    cell: float
+    blocked: float
+    close: float
+    unseen: float
+    sight: float
 
 
 def arc_poses(actions: Floats, times: Floats) -> Floats:
@@ -129,6 +141,26 @@ def near_points(scan, directions, scale, reach, spacing, people, count, person_r
 
 
 @njit(cache=True, nogil=True)
+def spread_out(points, out):
+    """Copy ``points`` (P, 2) to ``out`` (F, 2), of too many evenly some; returns how many."""
+    kept = min(points.shape[0], out.shape[0])
+    for k in range(kept):
+        out[k] = points[k * points.shape[0] // kept]
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def keep_near(points, reach):
+    """Move those of ``points`` (P, 2) within ``reach`` m to the front; returns how many."""
+    kept = 0
+    for k in range(points.shape[0]):
+        if points[k, 0] * points[k, 0] + points[k, 1] * points[k, 1] <= reach * reach:
+            points[kept, 0], points[kept, 1] = points[k, 0], points[k, 1]
+            kept += 1
+    return kept
+
+
+@njit(cache=True, nogil=True)
 def measure(path, times, points, people, prices, nearest_wall, nearest_person, touch, limit):
     """How near ``path`` (T, 2), m at ``times`` (T,) s, comes to walls and people.
 
@@ -152,14 +184,23 @@ def measure(path, times, points, people, prices, nearest_wall, nearest_person, t
                 person = squared
         wall = math.sqrt(wall) - prices.robot_radius
         person = math.sqrt(person) - prices.robot_radius - prices.person_radius
-        if wall < prices.wall_margin or person < prices.person_margin:
-            touch = max(touch, prices.touch * math.exp(-times[k] / prices.touch_fade))
+        depth = max(depth_of(wall, prices.wall_margin), depth_of(person, prices.person_margin))
+        if depth > 0.0:
+            touch = max(touch, prices.touch * depth * math.exp(-times[k] / prices.touch_fade))
         nearest_wall = min(nearest_wall, wall)
         nearest_person = min(nearest_person, person)
         cost = clearance_cost(nearest_wall, nearest_person, touch, prices)
         if cost >= limit:
             break
     return nearest_wall, nearest_person, touch, cost
+
+
+@njit(cache=True, nogil=True)
+def depth_of(clearance, margin):
+    """How bad a ``clearance`` (m) below ``margin`` is: from TOUCHED there to 1 at none; else 0."""
+    if not clearance < margin:
+        return 0.0
+    return TOUCHED + (1.0 - TOUCHED) * min(1.0 - clearance / margin, 1.0) if margin > 0.0 else 1.0
 
 
 @njit(cache=True, nogil=True)
@@ -174,6 +215,20 @@ def clearance_cost(wall, person, touch, prices):
 
 
 @njit(cache=True, nogil=True)
+def out_of_view(features, x, y, yaw, sight):
+    """Share of ``features`` (F, 2) behind the pose or farther than ``sight`` m from it."""
+    if features.shape[0] == 0:
+        return 0.0
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    seen = 0
+    for k in range(features.shape[0]):
+        dx, dy = features[k, 0] - x, features[k, 1] - y
+        if dx * cosine + dy * sine > 0.0 and dx * dx + dy * dy < sight * sight:
+            seen += 1
+    return 1.0 - seen / features.shape[0]
+
+
+@njit(cache=True, nogil=True)
 def arrival(path, goal, arrive):
     """Index of the first of ``path`` (T, 2) within ``arrive`` m of ``goal`` (2,), else T."""
     for k in range(path.shape[0]):
@@ -184,11 +239,13 @@ def arrival(path, goal, arrive):
 
 
 @njit(cache=True, nogil=True)
-def goal_costs(rollouts, prices, goal, i, base, ends):
+def goal_costs(rollouts, prices, goal, detours, features, turning, start, i, base, ends):
     """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
 
     ``ends`` (A,): how many samples of the second arc are driven. ``goal`` (2,) m in the robot
-    frame. Returns how many samples of the first arc are, and the least of the costs.
+    frame, ``detours`` (N, N) m longer than straight, or (1, 1) for none; ``features`` (F, 2) m
+    should stay in view; ``turning`` is a factor on the price of turning, ``start`` the price of
+    beginning with ``i``. Returns how many samples of the first arc are driven, and the least cost.
     """
     times = rollouts.second_times
     horizon = times[-1]
@@ -207,21 +264,24 @@ def goal_costs(rollouts, prices, goal, i, base, ends):
         if before < rollouts.first.shape[1]:
             ends[j] = 0
             base[j] = prices.arrive_gain * (rollouts.first_times[before] - horizon)
-            base[j] += prices.goal * prices.arrive
+            base[j] += prices.goal * prices.arrive + turning * rollouts.price[i].min() + start
             continue
         if near:
             ends[j] = arrival(rollouts.second[i, j], goal, prices.arrive)
-        base[j] = rollouts.price[i, j]
+        base[j] = turning * rollouts.price[i, j] + start
         if ends[j] < times.shape[0]:
             base[j] += prices.arrive_gain * (times[ends[j]] - horizon)
             base[j] += prices.goal * prices.arrive
             ends[j] += 1
         else:
-            dx = goal[0] - rollouts.end[i, j, 0]
-            dy = goal[1] - rollouts.end[i, j, 1]
-            past = math.atan2(dy, dx) - rollouts.end[i, j, 2]
+            x, y, yaw = rollouts.end[i, j]
+            past = way_on(detours, prices.cell, goal, x, y) - yaw
             past -= 2.0 * math.pi * math.floor(past / (2.0 * math.pi) + 0.5)
-            base[j] += prices.goal * math.sqrt(dx * dx + dy * dy) + prices.heading * abs(past)
+            distance = math.hypot(goal[0] - x, goal[1] - y)
+            distance += detour_at(detours, prices.cell, x, y)
+            base[j] += prices.goal * distance + prices.heading * abs(past)
+            if prices.unseen > 0.0:
+                base[j] += prices.unseen * out_of_view(features, x, y, yaw, prices.sight)
         least = min(least, base[j])
     if before < rollouts.first.shape[1]:
         return before + 1, base[0]
@@ -229,19 +289,25 @@ def goal_costs(rollouts, prices, goal, i, base, ends):
 
 
 @njit(cache=True, nogil=True)
-def first_costs(rollouts, prices, goal, points, people, every, base, ends, out):
+def first_costs(
+    rollouts, prices, goal, detours, features, points, people, turning, start, every, base, ends,
+    out,
+):  # fmt: skip
     """Write to ``out`` (A,) the cost of the cheapest pair that begins with each action.
 
     ``goal`` (2,), ``points`` (P, 2) m and ``people`` (M, 4) m and m/s in the robot frame;
+    ``detours`` (N, N), ``features`` (F, 2), ``turning`` and ``start`` (A,) as in ``goal_costs``;
     ``base``, ``ends`` (A,) working memory. Unless ``every``, pairs are only followed until they are
     dearer than the cheapest of all: the least entry is exact, others are at least the least.
     Infinite where no cost is a number.
     """
     best = np.inf
-    for i in range(out.shape[0]):
+    for i in range(min(out.shape[0], start.shape[0])):
         cheapest = np.inf if every else best
         out[i] = np.inf
-        before, least = goal_costs(rollouts, prices, goal, i, base, ends)
+        before, least = goal_costs(
+            rollouts, prices, goal, detours, features, turning, start[i], i, base, ends
+        )
         if not least < cheapest:
             continue
         wall, person, touch, cost = measure(
@@ -265,21 +331,30 @@ def first_costs(rollouts, prices, goal, points, people, every, base, ends, out):
 
 @njit(cache=True, nogil=True)
 def decide(
-    scans, directions, scale, reach, spacing, pedestrians, counts, person_reach, goals,
-    rollouts, prices, every, points, base, ends, out,
+    scans, directions, scale, sight, reach, spacing, pedestrians, counts, person_reach, goals,
+    rollouts, prices, turning, start, every, points, base, ends, effort, detours,
+    features, out,
 ):  # fmt: skip
     """``first_costs`` of many observations, rows of ``out`` (B, A); each row for itself.
 
-    ``scans`` (B, beams) are the newest, ``points`` (beams, 2), ``base`` and ``ends`` (A,)
-    working memory;
-    the rest as in ``near_points`` and ``first_costs``.
+    ``scans`` (B, beams) are the newest, ``turning`` (B,), ``start`` (B, A); ``points`` (beams, 2),
+    ``base`` and ``ends`` (A,) working memory; the rest as in ``near_points`` and ``first_costs``.
     """
     rows = min(scans.shape[0], pedestrians.shape[0], counts.shape[0], goals.shape[0], out.shape[0])
+    rows = min(rows, turning.shape[0], start.shape[0])
     for row in range(rows):
         count = min(np.int64(counts[row]), pedestrians.shape[1])
         people = pedestrians[row, :count].astype(np.float64)
         kept = near_points(
-            scans[row], directions, scale, reach, spacing, people, count, person_reach, points
+            scans[row], directions, scale, sight, spacing, people, count, person_reach, points
         )
         goal = goals[row].astype(np.float64)
-        first_costs(rollouts, prices, goal, points[:kept], people, every, base, ends, out[row])
+        seen = spread_out(points[:kept], features)
+        if detours.shape[0] > 1:
+            stamp(points[:kept], prices.cell, prices.blocked, prices.close, effort)
+            spread(effort, goal, prices.cell, detours)
+        kept = keep_near(points[:kept], reach)
+        first_costs(
+            rollouts, prices, goal, detours, features[:seen], points[:kept], people, turning[row],
+            start[row], every, base, ends, out[row],
+        )  # fmt: skip

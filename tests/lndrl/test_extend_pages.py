@@ -79,16 +79,16 @@ def json_of(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> Any:
 
 def test_the_planner(example: Any, capsys: pytest.CaptureFixture[str]) -> None:
     name = example("planner.md")
-    command = ["evaluate", f"{name}:Careful", "--trust-modules", name, *EPISODES]
+    command = ["evaluate", f"{name}:Wary", "--trust-modules", name, *EPISODES]
     found = json_of(capsys, [*command, "--planner-set", "distance=0.8"])
-    assert (found["planner"], found["actions"]) == ("careful:Careful", "rule")
+    assert (found["planner"], found["actions"]) == ("wary:Wary", "rule")
     assert found["records"][0]["distance"] > 1.0
     (methods,) = blocks("planner.md", "yaml")
     Path("bench.yaml").write_text(f"scenarios: [room.yaml]\n{methods}")
     table = ["benchmark", "--spec", "bench.yaml", "--episodes", "1", "--workers", "0", "--json"]
     rows = json_of(capsys, [*table, "--trust-modules", name])
-    assert [row["method"] for row in rows] == ["careful", "bold"]
-    picture = ["play", f"{name}:Careful", "--scenario", "room.yaml", "--out", "a.png"]
+    assert [row["method"] for row in rows] == ["wary", "bold"]
+    picture = ["play", f"{name}:Wary", "--scenario", "room.yaml", "--out", "a.png"]
     assert run([*picture, "--trust-modules", name]) == 0 and Path("a.png").exists()
 
 

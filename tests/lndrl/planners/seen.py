@@ -42,15 +42,26 @@ def wall_ahead(distance: float, yaw: float = 0.0) -> NDArray[np.float64]:
     return np.where(facing > 1e-3, max(distance, 0.0) / np.maximum(facing, 1e-3), RANGE)
 
 
+def panel_ahead(
+    pose: NDArray[np.float64], distance: float, right: float, left: float
+) -> NDArray[np.float64]:
+    """Ranges (m) to a panel at x = ``distance`` m from y = ``right`` to ``left``, from ``pose``."""
+    ranges = wall_ahead(distance - pose[0], pose[2])
+    y = pose[1] + ranges * np.sin(BEARINGS + pose[2])
+    hit = (ranges < RANGE) & (y > right) & (y < left) & (pose[0] < distance)
+    return np.where(hit, ranges, RANGE)
+
+
 def drive(
     planner: Planner,
     steps: int,
     goal: tuple[float, float],
     wall: float | None = None,
+    panel: tuple[float, float, float] | None = None,
     people: Callable[[float], Sequence[Person]] = lambda time: (),
     variances: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Drive without noise from the origin; a wall stands at x = ``wall`` m.
+    """Drive without noise from the origin; a wall stands at x = ``wall`` m, or a panel.
 
     ``people(time)`` in the world's frame. Returns poses (10 * steps + 1, 3), ten per control step,
     and commands (steps, 2).
@@ -65,6 +76,8 @@ def drive(
             for p in people(step * PERIOD)
         ]
         ranges = None if wall is None else wall_ahead(wall - pose[0], pose[2])
+        if panel is not None:
+            ranges = panel_ahead(pose, *panel)
         x, y = turn @ (np.array(goal) - pose[:2])
         observation = seen((x, y), ranges, there, variances)
         v, w = planner.act(observation, np.arange(1))[0]

@@ -26,7 +26,9 @@ ROBOT = 0.17
 def paths(p: PredictiveConfig) -> tuple[Floats, Floats]:
     """Poses (A, A, T, 3) of all pairs, and their times (T,), by small straight pieces."""
     table = action_table(TaskConfig())
-    pieces, poses, times = 100, [], []
+    pieces = 100
+    poses: list[Floats] = []
+    times: list[float] = []
     pose = np.zeros((len(table), len(table), 3))
     for action, horizon in (
         (table[:, None], p.first_horizon),
@@ -104,15 +106,16 @@ def costs_slowly(observation: Observation, p: PredictiveConfig) -> tuple[Floats,
             cost *= p.goal_weight / 10.0
         else:
             cost, second = p.goal_weight * distance[i, j, -1] + p.heading_weight * past[i, j], True
-        if second:
-            turn = p.first_horizon * turned[i] + p.second_horizon * turned[j]
-            cost += p.turning_weight * turn
+        turn = p.first_horizon * turned[i] + (p.second_horizon * turned[j] if second else 0.0)
+        cost += p.turning_weight * turn
         w, q = wall[i, j, :driven], person[i, j, :driven]
         cost += p.wall_weight * max(0.0, 1.0 - w.min() / p.wall_reach)
         cost += p.person_weight * max(0.0, 1.0 - q.min() / p.person_reach)
-        touches = np.flatnonzero((w < p.wall_margin) | (q < p.person_margin))
-        if len(touches):
-            cost += p.touch_weight * math.exp(-times[touches[0]] / p.touch_fade)
+        depth = np.zeros(driven)
+        for clearance, margin in ((w, p.wall_margin), (q, p.person_margin)):
+            near = 0.3 + 0.7 * np.minimum(1.0 - clearance / margin, 1.0)
+            depth = np.maximum(depth, np.where(clearance < margin, near, 0.0))
+        cost += (p.touch_weight * depth * np.exp(-times[:driven] / p.touch_fade)).max()
         costs[i, j] = cost
     return costs, doubt
 
@@ -216,15 +219,31 @@ def test_whatever_comes_in_nothing_is_written_outside(
     whole_points, points = guarded(data.draw(st.integers(0, 40)), 2)
     whole_base, base = guarded(28)
     ends = np.full(44, 7)
+    whole_features, features = guarded(data.draw(st.integers(0, 5)), 2)
+    whole_effort, effort = guarded(*[data.draw(st.integers(0, 5))] * 2)
+    whole_detours, detours = guarded(*[data.draw(st.integers(0, 5))] * 2)
     people = random.choice(NUMBERS, (rows, most, 4)).astype(np.float32)
     decide(
         random.integers(0, 65536, (rows, beams)).astype(np.uint16),
-        random.choice(NUMBERS, (data.draw(st.integers(0, 40)), 2)), 12 / 65535, 1e3, 0.0, people,
+        random.choice(NUMBERS, (data.draw(st.integers(0, 40)), 2)), 12 / 65535, 1e3,
+        data.draw(st.sampled_from([1.0, 1e3])), 0.0, people,
         random.integers(0, 256, rows).astype(np.uint8), 0.4,
         random.choice(NUMBERS, (data.draw(st.integers(0, 3)), 6)).astype(np.float32),
-        planner._rollouts, planner._prices, data.draw(st.booleans()), points, base, ends[8:-8], out,
+        planner._rollouts, planner._prices,
+        random.choice(NUMBERS, data.draw(st.integers(0, 3))),
+        random.choice(NUMBERS, (data.draw(st.integers(0, 3)), data.draw(st.integers(0, 28)))),
+        data.draw(st.booleans()), points, base, ends[8:-8],
+        effort, detours, features, out,
     )  # fmt: skip
-    for whole in (whole_out, whole_points, whole_base, ends):
+    for whole in (
+        whole_out,
+        whole_points,
+        whole_base,
+        whole_effort,
+        whole_detours,
+        whole_features,
+        ends,
+    ):
         assert (whole[:8] == 7).all() and (whole[len(whole) - 8 :] == 7).all()
 
 
