@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import EpisodeRecord, Navigation, Observation, build_surroundings
 from lndrl.navigation.terms import without_terms
-from lndrl.planners import PlannerSource
+from lndrl.planners import MapPlanner, Planner, PlannerSource
 
 TEST_WORLD = 4_000_000_000
 """World id of test episode 0, far above those of actors: no test episode is ever trained on."""
@@ -57,8 +58,10 @@ class EpisodeRunner:
             if watch is not None:
                 watch(world)
         self.planner.reset(self.config.seed, [world.world_id for world in worlds])
+        show_map(self.planner, worlds)
         running = np.arange(len(worlds))
         while len(running):
+            tell_poses(self.planner, worlds, running)
             velocities = self.planner.act(observation.take(running), running)
             for row, (v, w) in zip(running, velocities.tolist(), strict=True):
                 record = worlds[row].step(v, w).record
@@ -67,3 +70,15 @@ class EpisodeRunner:
                 if record is not None:
                     yield record
             running = running[[not worlds[row].outcome for row in running]]
+
+
+def show_map(planner: Planner, worlds: Sequence[Navigation]) -> None:
+    """Show a planner that knows the map the places of ``worlds``, which have been reset."""
+    if isinstance(planner, MapPlanner):
+        planner.enter([world.place for world in worlds])
+
+
+def tell_poses(planner: Planner, worlds: Sequence[Navigation], rows: NDArray[np.int64]) -> None:
+    """Tell such a planner where in it the robots at ``rows`` of ``worlds`` believe to be."""
+    if isinstance(planner, MapPlanner):
+        planner.hear(np.stack([worlds[row].pose_heard for row in rows]), rows)
