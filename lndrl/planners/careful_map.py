@@ -134,7 +134,7 @@ class CarefulMapPlanner(CarefulPlanner):
         for i, row in enumerate(self._rows):
             only = slice(i, i + 1)
             price = self._map_price(i, int(row), observation.goal[i, :2])
-            price = self._turning_alone.price + price / turning[i]
+            price = self._turning_alone.price + price / max(float(turning[i]), 1e-9)
             self._rollouts = self._turning_alone._replace(price=price)
             seen = observation.take(only)
             out[only] = super()._decide(seen, every, goals[only], turning[only], start[only])
