@@ -13,7 +13,7 @@ from lndrl.navigation import EpisodeRecord, Navigation, Observation, build_surro
 from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.families import Family
 from lndrl.navigation.terms import without_terms
-from lndrl.planners import PlannerSource
+from lndrl.planners import MapPlanner, Planner, PlannerSource
 from lndrl.world import Place
 
 Surroundings = tuple[Place, LikelihoodMap]
@@ -58,8 +58,10 @@ class EpisodeRunner:
             for world in worlds:
                 watch(world)
         self.planner.reset(self.config.seed, ids)
+        show_map(self.planner, worlds)
         running = np.arange(len(worlds))
         while len(running):
+            tell_poses(self.planner, worlds, running)
             velocities = self.planner.act(team.observation.take(running), running)
             team.step(running, velocities)
             rows = running.tolist()
@@ -114,3 +116,15 @@ class Team:
             first = int(rows[run[0]])
             self._batch.drive(commands[run[0] : run[-1] + 1], first)
             self._batch.judge(first, len(run))
+
+
+def show_map(planner: Planner, worlds: Sequence[Navigation]) -> None:
+    """Show a planner that knows the map the places of ``worlds``, which have been reset."""
+    if isinstance(planner, MapPlanner):
+        planner.enter([world.place for world in worlds])
+
+
+def tell_poses(planner: Planner, worlds: Sequence[Navigation], rows: NDArray[np.int64]) -> None:
+    """Tell such a planner where in it the robots at ``rows`` of ``worlds`` believe to be."""
+    if isinstance(planner, MapPlanner):
+        planner.hear(np.stack([worlds[row].pose_heard for row in rows]), rows)

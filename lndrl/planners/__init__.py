@@ -2,6 +2,7 @@
 
 from lndrl.planners.behaviour import behaviour_hash
 from lndrl.planners.careful import CarefulConfig, CarefulPlanner
+from lndrl.planners.careful_map import CarefulMapConfig, CarefulMapPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import (
     PlannerSource,
@@ -12,15 +13,18 @@ from lndrl.planners.factory import (
     planner_source,
     takes_settings,
 )
-from lndrl.planners.interface import Planner, episode_generator
+from lndrl.planners.interface import MapPlanner, Planner, episode_generator
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 __all__ = [
     "CarefulConfig",
+    "CarefulMapConfig",
+    "CarefulMapPlanner",
     "CarefulPlanner",
     "DWAConfig",
     "DWAPlanner",
+    "MapPlanner",
     "Planner",
     "PlannerSource",
     "PredictiveConfig",

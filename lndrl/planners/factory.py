@@ -11,6 +11,7 @@ from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, installed, is_own
 from lndrl.models import Model, validate
 from lndrl.planners.careful import CarefulConfig, CarefulPlanner
+from lndrl.planners.careful_map import CarefulMapConfig, CarefulMapPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.own import OwnPlanner
@@ -23,6 +24,7 @@ RULES: dict[str, Callable[..., Planner]] = {
     DWAPlanner.name: DWAPlanner,
     PredictivePlanner.name: PredictivePlanner,
     CarefulPlanner.name: CarefulPlanner,
+    CarefulMapPlanner.name: CarefulMapPlanner,
 }
 """Planners that need no weights: two floors, the classical baseline, and one that looks ahead.
 Called with a configuration, and those of PARAMETERS with their parameters."""
@@ -31,6 +33,7 @@ PARAMETERS: dict[str, type[Model]] = {
     DWAPlanner.name: DWAConfig,
     PredictivePlanner.name: PredictiveConfig,
     CarefulPlanner.name: CarefulConfig,
+    CarefulMapPlanner.name: CarefulMapConfig,
 }
 """What can be set of a rule; the others have nothing to set."""
 

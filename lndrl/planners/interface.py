@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.navigation import Observation
 from lndrl.randomness import Stream
+
+if TYPE_CHECKING:
+    from lndrl.world import Place
 
 
 class Planner(Protocol):
@@ -29,6 +32,23 @@ class Planner(Protocol):
 
         ``observation`` (B,) holds the episodes at ``rows`` (B,) of the last ``reset``; finished
         ones are left out. Returns (B, 2): v (m/s), w (rad/s).
+        """
+
+
+@runtime_checkable
+class MapPlanner(Planner, Protocol):
+    """A planner that also knows the map, and where in it the robot believes to be.
+
+    Whoever drives it calls ``enter`` after each ``reset`` and ``hear`` before each ``act``. The
+    pose is the one that the robot hears, as old as ``localization.delay`` makes it: never the true.
+    """
+
+    def enter(self, places: Sequence[Place]) -> None:
+        """The place of each episode of the last ``reset``; most often one and the same."""
+
+    def hear(self, poses: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
+        """Estimated poses (B, 3), m and rad in the frame of the place, of the episodes at ``rows``
+        (B,): those that the observations of the next ``act`` belong to.
         """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,10 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, calling, find, make
 from lndrl.navigation import Observation
-from lndrl.planners.interface import Planner
+from lndrl.planners.interface import MapPlanner, Planner
+
+if TYPE_CHECKING:
+    from lndrl.world import Place
 
 _SLACK = 1e-9  # rounding
 
@@ -19,8 +23,9 @@ _SLACK = 1e-9  # rounding
 class OwnPlanner:
     """The planner that ``name`` stands for, under ``config``.
 
-    Its class is called with (config) and its settings. Raises UserError where it is not trusted,
-    not there, fails, or gives velocities that the robot does not have.
+    Its class is called with (config) and its settings; one that is a ``MapPlanner`` is told the
+    places and poses. Raises UserError where it is not trusted, not there, fails, or gives
+    velocities that the robot does not have.
     """
 
     def __init__(
@@ -39,6 +44,18 @@ class OwnPlanner:
         """See ``Planner.reset``."""
         with calling(PLANNER, self.name):
             self._planner.reset(seed, worlds)
+
+    def enter(self, places: Sequence[Place]) -> None:
+        """See ``MapPlanner.enter``."""
+        if isinstance(self._planner, MapPlanner):
+            with calling(PLANNER, self.name):
+                self._planner.enter(places)
+
+    def hear(self, poses: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
+        """See ``MapPlanner.hear``."""
+        if isinstance(self._planner, MapPlanner):
+            with calling(PLANNER, self.name):
+                self._planner.hear(poses, rows)
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``."""

@@ -40,8 +40,8 @@ def evaluate(
         list[str],
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive', 'careful'"
-            " or module:Class; several are compared.",
+            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive', 'careful',"
+            " 'careful+map' or module:Class; several are compared.",
         ),
     ],
     scenario: ScenarioName = None,

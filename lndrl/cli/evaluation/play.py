@@ -31,8 +31,8 @@ def play(
         str,
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive', 'careful'"
-            " or module:Class.",
+            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive', 'careful',"
+            " 'careful+map' or module:Class.",
         ),
     ],
     out: Annotated[

@@ -18,6 +18,7 @@ from lndrl.numbering import by_number
 from lndrl.wording import counted, people
 
 if TYPE_CHECKING:
+    from lndrl.maps.localizability import LocalizabilityField
     from lndrl.scenario import Box, Scenario
     from lndrl.world import Place
 
@@ -41,6 +42,12 @@ def scenarios(
     layout: Annotated[
         int, typer.Option(metavar="K", min=0, help="Which of a random scenario's layouts.")
     ] = 0,
+    localizability: Annotated[
+        bool,
+        typer.Option(
+            "--localizability", help="How well a scan pins the pose down, all over the place."
+        ),
+    ] = False,
     trust_modules: TrustModules = None,
     json: Annotated[
         bool, typer.Option("--json", help="As JSON; with NAME: with regions and routes.")
@@ -48,14 +55,16 @@ def scenarios(
 ) -> None:
     """List the places to train and test in, and draw them."""
     _check(name, out, draw)
+    if localizability and name is None and draw is None:
+        raise UserError("--localizability: name the scenario, or use --draw FOLDER for all")
     trust(trust_modules)
     if name is None:
-        _all(draw, layout, json)
+        _all(draw, layout, json, localizability)
     else:
-        _one(name, out, layout, json)
+        _one(name, out, layout, json, localizability)
 
 
-def _all(draw: Path | None, layout: int, json: bool) -> None:
+def _all(draw: Path | None, layout: int, json: bool, localizability: bool) -> None:
     from lndrl.cli.tables import print_tables
     from lndrl.config import REPOSITORY_CONFIGS, load_scenario
 
@@ -70,17 +79,25 @@ def _all(draw: Path | None, layout: int, json: bool) -> None:
         return
     draw.mkdir(parents=True, exist_ok=True)
     for scenario in known:
-        _draw(_build(scenario, layout), draw / f"{scenario.name}.png", scenario, quiet=json)
+        place = _build(scenario, layout)
+        field = _field(place) if localizability else None
+        _draw(place, draw / f"{scenario.name}.png", scenario, json, field)
 
 
-def _one(name: str, out: Path | None, layout: int, json: bool) -> None:
+def _one(name: str, out: Path | None, layout: int, json: bool, localizability: bool) -> None:
     from lndrl.cli.tables import print_tables
     from lndrl.config import load_scenario
 
     scenario = load_scenario(name)
     place = _build(scenario, layout)
+    field = _field(place) if localizability else None
     if json:
-        typer.echo(json_format.dumps(_summary(scenario) | _details(place), indent=2))
+        told = _summary(scenario) | _details(place)
+        if field is not None:
+            told["localizability"] = _shares(field)
+        typer.echo(json_format.dumps(told, indent=2))
+    elif out is None and field is not None:
+        _say_shares(scenario.name, field)
     elif out is None:
         print_tables(_table([scenario]))
         typer.echo(
@@ -90,7 +107,43 @@ def _one(name: str, out: Path | None, layout: int, json: bool) -> None:
         )
     say_notes(place.notes)
     if out is not None:
-        _draw(place, out, scenario, quiet=json)
+        _draw(place, out, scenario, json, field)
+
+
+def _field(place: Place) -> LocalizabilityField:
+    """That of the laser and the filter of the defaults, which are the paper's."""
+    from lndrl.config import LaserConfig, LocalizationConfig
+    from lndrl.localization.localizability import localizability_field
+
+    return localizability_field(place.grid, place.cells, LaserConfig(), LocalizationConfig())
+
+
+def _shares(field: LocalizabilityField) -> dict[str, Any]:
+    """Deviations (m) over all places that are free and all headings."""
+    import numpy as np
+
+    values = field.deviation[field.free]
+    if not len(values):
+        values = np.full((1, 1), field.sensor.farthest)
+    quantiles = np.quantile(values, [0.1, 0.5, 0.9])
+    return {
+        "map_hash": field.map_hash,
+        "spacing": round(field.spacing, 3),
+        "deviation_10": round(float(quantiles[0]), 4),
+        "deviation_50": round(float(quantiles[1]), 4),
+        "deviation_90": round(float(quantiles[2]), 4),
+        "share_unknown": round(float((values >= field.sensor.farthest).mean()), 4),
+    }
+
+
+def _say_shares(name: str, field: LocalizabilityField) -> None:
+    told = _shares(field)
+    typer.echo(
+        f"{name} (map {told['map_hash']}): one scan tells the position to "
+        f"{told['deviation_50']:.2f} m in the median over places and headings, to "
+        f"{told['deviation_90']:.2f} m in 90 % of them; in {100 * told['share_unknown']:.1f} % it "
+        f"tells nothing along some direction; --out FILE.png draws it"
+    )
 
 
 def _build(scenario: Scenario, layout: int) -> Place:
@@ -99,14 +152,20 @@ def _build(scenario: Scenario, layout: int) -> Place:
     return Place.build(scenario, layout=layout)
 
 
-def _draw(place: Place, file: Path, scenario: Scenario, quiet: bool) -> None:
+def _draw(
+    place: Place, file: Path, scenario: Scenario, quiet: bool, field: LocalizabilityField | None
+) -> None:
+    from lndrl.view.pictures.localizability import save_localizability
     from lndrl.view.pictures.scenario import save_scenario
 
     crowd = people(place.scenario.pedestrians.count)
     width, height = place.grid.size
     title = f"{place.scenario.name}   {width:.4g} × {height:.4g} m, {crowd}"
     try:
-        save_scenario(place, file, title)
+        if field is None:
+            save_scenario(place, file, title)
+        else:
+            save_localizability(place, field, file, title)
     except OSError as error:
         raise UserError(f"{file}: cannot be written ({error.strerror})") from None
     if not quiet:

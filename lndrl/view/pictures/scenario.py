@@ -58,7 +58,7 @@ def draw_scenario(place: Place, snapshot: WorldSnapshot, axes: Axes) -> None:
     draw_laser(snapshot, axes)
     for task in place.scenario.robot:
         for box in (task.start, task.goal):
-            axes.add_patch(_region(box))
+            axes.add_patch(region(box))
         ends = np.array([_middle(task.start), _middle(task.goal)])
         axes.plot(*ends.T, color=GOAL, linewidth=1.1, linestyle=(0, (5, 3)), alpha=0.8, zorder=3)
     for route in place.scenario.pedestrians.routes:
@@ -67,7 +67,7 @@ def draw_scenario(place: Place, snapshot: WorldSnapshot, axes: Axes) -> None:
     width, height = place.grid.size
     draw_robot(snapshot, axes, max(snapshot.robot_radius, 0.009 * max(width, height)))
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal")
-    _mark_metres(place, axes)
+    mark_metres(place, axes)
 
 
 def scenario_figure(place: Place, title: str = "", episode: int = 0) -> Figure:
@@ -96,19 +96,30 @@ def scenario_figure(place: Place, title: str = "", episode: int = 0) -> Figure:
     return figure
 
 
-def save_scenario(place: Place, path: Path | str, title: str = "", dpi: int = 90) -> None:
+def save_scenario(place: Place, path: Path | str, title: str = "") -> None:
     """Write a picture of ``place``; raises OSError where ``path`` cannot be written."""
-    # A palette of 128 colours: half the bytes, and no eye sees it.
-    figure = scenario_figure(place, title)
+    save_small(scenario_figure(place, title), path)
+
+
+def save_small(figure: Figure, path: Path | str, shades: bool = False) -> None:
+    """Write ``figure``, whose colours are few but for ``shades`` of one; raises OSError where
+    ``path`` cannot be written.
+    """
+    # A palette of 128 colours: half the bytes, and no eye sees it. Shades take most of a palette
+    # that goes by areas, and small marks lose their colour: theirs goes by the range of colours.
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
     from PIL import Image
 
     picture = Image.fromarray(pixels[..., :3])
-    picture.quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+    method = Image.Quantize.MAXCOVERAGE if shades else None
+    picture.quantize(256 if shades else 128, method=method, dither=Image.Dither.NONE).save(
+        path, optimize=True
+    )
 
 
-def _region(box: Box) -> Rectangle:
+def region(box: Box) -> Rectangle:
+    """A box that the robot starts or arrives in."""
     x0, y0, x1, y1 = box
     return Rectangle(
         (x0, y0),
@@ -148,7 +159,7 @@ def _draw_route(route: Route, axes: Axes) -> None:
         )
 
 
-def _mark_metres(place: Place, axes: Axes) -> None:
+def mark_metres(place: Place, axes: Axes) -> None:
     """Round numbers of metres in the map's frame along the edges."""
     step = next(s for s in (1, 2, 5, 10, 20, 50, 100) if max(place.grid.size) / s <= 14)
     for axis, origin, length in (

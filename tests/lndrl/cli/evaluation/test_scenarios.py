@@ -53,9 +53,24 @@ def test_a_layout_is_drawn(tmp_path, capsys) -> None:
     assert file.exists()
 
 
+def test_what_a_scan_tells_is_told_and_drawn(tmp_path, capsys) -> None:
+    assert run(["scenarios", "sparse", "--localizability"]) == 0
+    said = capsys.readouterr().out
+    assert "in 90 % of them" in said and said.count("\n") == 1
+    file = tmp_path / "sparse.png"
+    assert run(["scenarios", "sparse", "--localizability", "--out", str(file), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["localizability"]
+    assert told["deviation_10"] < told["deviation_50"] < told["deviation_90"]
+    assert 0.1 < told["share_unknown"] < 0.3 and len(told["map_hash"]) == 12
+    plain = tmp_path / "plain.png"
+    assert run(["scenarios", "sparse", "--out", str(plain)]) == 0
+    assert Image.open(file).size != Image.open(plain).size
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["--localizability"], "--localizability: name the scenario, or use --draw FOLDER"),
         (["hybird"], "did you mean hybrid?"),
         (["--out", "x.png"], "name the scenario to draw, or use --draw FOLDER"),
         (["hall", "--out", "x.gif"], "must end in .png"),

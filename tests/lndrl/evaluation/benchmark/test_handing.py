@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import csv
 import dataclasses
 import json
 import lzma
+import math
 from pathlib import Path
 
 import numpy as np
