@@ -43,7 +43,7 @@ class CarefulConfig(PredictiveConfig):
     gentle_rate: NonNegative = Field(0.3, description="rad/s, above which a turn is sharp")
     sharp_weight: NonNegative = Field(40.0, description="of a first action that turns sharply")
     settled_variance: Positive = Field(
-        0.003, description="m² + rad² of the belief's variances, above which turning is cheaper"
+        0.01, description="m² + rad² of the belief's variances, above which turning is cheaper"
     )
     doubt_weight: NonNegative = Field(
         1.0, description="how much dearer turning is per m² and rad² of the belief's variances"
