@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from lndrl.config import RunConfig
+from lndrl.errors import UserError
 from lndrl.models import NonNegative, Positive, Seconds
 from lndrl.navigation import Observation
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
@@ -62,12 +63,18 @@ class CarefulPlanner(PredictivePlanner):
     (from the last command, too), a sharp turn at first, all dearer while the variances are large;
     standing and slowness, or else it would rather stand than turn. The distance to the goal is that
     of a way around the walls in sight, so that it turns early. Where the pose is heard late, the
-    goal is moved on by what it told the robot since.
+    goal is moved on by what it told the robot since. Raises UserError where nobody has variances
+    (``localization.kind`` perfect).
     """
 
     name = "careful"
 
     def __init__(self, config: RunConfig, parameters: CarefulConfig | None = None) -> None:
+        if config.localization.kind == "perfect":
+            raise UserError(
+                f"{self.name}: localization perfect has no variances and never gets lost; take "
+                "predictive, or a filter (localization.kind: amcl)"
+            )
         self._careful = parameters or CarefulConfig()
         super().__init__(config, self._careful)
         self._period = config.world.tick * config.world.ticks_per_step

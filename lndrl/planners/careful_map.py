@@ -67,11 +67,6 @@ class CarefulMapPlanner(CarefulPlanner):
         parameters: CarefulMapConfig | None = None,
         field: LocalizabilityField | None = None,
     ) -> None:
-        if config.localization.kind == "perfect":
-            raise UserError(
-                "careful+map: localization perfect has no variances and never gets lost; take "
-                "predictive, or a filter (localization.kind: amcl)"
-            )
         self._map = parameters or CarefulMapConfig()
         super().__init__(config, self._map)
         self._config = config

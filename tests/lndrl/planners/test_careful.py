@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lndrl.config import RunConfig
+from lndrl.errors import UserError
 from lndrl.navigation import Observation, action_table
 from lndrl.planners import CarefulConfig, CarefulPlanner, PredictivePlanner, planner_source
 from tests.lndrl.planners.seen import PERIOD, Person, drive, seen, wall_ahead
@@ -94,6 +95,12 @@ def test_turning_is_dear_where_the_filter_cannot_follow(config: RunConfig) -> No
     gentle, sharp = [2, 3, 4], [0, 1, 5, 6]
     assert (settled[:, sharp] - wide[:, sharp]).min() > (settled - wide)[:, gentle].max() + 5.0
     assert (several[:, sharp] - wide[:, sharp]).min() > (several - wide)[:, gentle].max() + 5.0
+
+
+def test_a_filter_without_variances_is_refused(config: RunConfig) -> None:
+    perfect = config.localization.model_copy(update={"kind": "perfect"})
+    with pytest.raises(UserError, match="^careful: localization perfect has no variances and"):
+        CarefulPlanner(config.model_copy(update={"localization": perfect}))
 
 
 def test_it_turns_round_gently(config: RunConfig) -> None:
