@@ -35,6 +35,7 @@ class Changes(Model):
 
     set: list[str] = Field(default_factory=list, description="key=value, as --set of lndrl train")
     only: dict[str, list[str]] = Field(default_factory=dict, description="scenario to key=value")
+    dwa: DWAConfig | None = Field(None, description="other parameters of the planner")
 
     def changes(self, scenario: str) -> list[str]:
         """Of one scenario."""
@@ -45,12 +46,17 @@ class BenchVariant(Changes):
     """One way the bench could be."""
 
     why: str = Field(min_length=1, description="one line: what it would tell")
-    dwa: DWAConfig | None = Field(None, description="other parameters of the planner")
 
     @property
     def contender(self) -> Contender:
         """DWA as this variant has it."""
-        return Contender(METHOD, PlannerSource(METHOD, parameters=self.dwa), "amcl")
+        return dwa_of(self)
+
+
+def dwa_of(*changes: Changes) -> Contender:
+    """DWA as the last of ``changes`` that says anything about it has it."""
+    told = [each.dwa for each in changes if each.dwa is not None]
+    return Contender(METHOD, PlannerSource(METHOD, parameters=told[-1] if told else None), "amcl")
 
 
 class Factor(Model):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lndrl.errors import UserError
-from lndrl.evaluation.benchmark.calibration import METHOD, CalibrationSpec, SearchSpec
+from lndrl.evaluation.benchmark.calibration import METHOD, CalibrationSpec, SearchSpec, dwa_of
 from lndrl.evaluation.benchmark.figures import Row, rows_of
 from lndrl.evaluation.benchmark.run import Plan
 from lndrl.evaluation.benchmark.search import Verdict, World, excluded_by, worlds_of
@@ -17,7 +17,6 @@ from lndrl.navigation.families import Family
 from lndrl.planners import behaviour_hash, planner_source
 
 JUDGED = "judged"
-DWA = Contender(METHOD, planner_source(METHOD), "amcl")
 
 
 @dataclass
@@ -46,13 +45,25 @@ class Search:
 
     def round_plans(self, worlds: Sequence[World], episodes: int) -> list[Plan]:
         """DWA in each of ``worlds``."""
-        return [self._plan(world, [DWA], episodes, self.search.seed, "") for world in worlds]
+        seed = self.search.seed
+        return [self._plan(w, [dwa_of(*w.readings)], episodes, seed, "") for w in worlds]
 
     def judge_plans(self, worlds: Sequence[World], methods: Sequence[str]) -> list[Plan]:
         """``methods`` on the episodes that no round saw."""
-        who = [Contender(name, planner_source(name), "amcl") for name in methods]
         seed, episodes = self.search.judge_seed, self.search.judged
-        return [self._plan(world, who, episodes, seed, JUDGED) for world in worlds]
+        others = [
+            Contender(name, planner_source(name), "amcl") for name in methods if name != METHOD
+        ]
+        return [
+            self._plan(
+                world,
+                [*([dwa_of(*world.readings)] if METHOD in methods else []), *others],
+                episodes,
+                seed,
+                JUDGED,
+            )
+            for world in worlds
+        ]
 
     def _plan(
         self, world: World, who: list[Contender], episodes: int, seed: int, below: str

@@ -99,7 +99,7 @@ def test_turning_is_dear_where_the_filter_cannot_follow(config: RunConfig) -> No
 
 def test_a_filter_without_variances_is_refused(config: RunConfig) -> None:
     perfect = config.localization.model_copy(update={"kind": "perfect"})
-    with pytest.raises(UserError, match="^careful: localization perfect has no variances and"):
+    with pytest.raises(UserError, match=r"^careful: localization perfect has no variances and"):
         CarefulPlanner(config.model_copy(update={"localization": perfect}))
 
 
