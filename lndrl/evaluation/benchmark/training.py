@@ -116,8 +116,6 @@ def _method_run(
     file = spec.config_of(name, configs) or spec.config_of(name)  # else the program's own
     if file is None:
         raise UserError(f"method {name}: its configuration {configs / name}.yaml does not exist")
-    # What the bench sets for tests does not hold in training: paid for a pose that is heard late, a
-    # policy learns not to turn (docs/bench.md).
     settings = [] if steps is None else [f"learner.total_steps={steps}"]
     own = load_config(file, settings)
     if seed is None or seed == own.seed:

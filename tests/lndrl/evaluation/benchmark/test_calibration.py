@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lndrl.cli.main import run as lndrl
-from lndrl.config import load_config, load_scenario
+from lndrl.config import find, load_config, load_scenario
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark import (
     PAPER,
@@ -52,6 +52,17 @@ def test_the_bench_is_the_one_that_was_frozen() -> None:
     bench = load_benchmark()
     assert hashes() == bench.frozen
     assert all(load_scenario(name).version == 1 for name in bench.scenarios)
+
+
+@pytest.mark.parametrize(
+    "name", ["lndrl", "paper", "drl_laser", "drl_laser_ped", "no_variance", "no_reward"]
+)
+def test_methods_are_trained_in_the_world_that_they_are_tested_in(name: str) -> None:
+    """The bench names every reading by itself; whoever changes one changes these files as well."""
+    bench = load_benchmark()
+    for scenario in bench.scenarios:
+        trained = load_config(find("configuration", name), [f"scenario={scenario}"])
+        assert bench_hash(trained) == bench.frozen[scenario], scenario
 
 
 def test_another_bench_than_the_frozen_is_refused() -> None:
