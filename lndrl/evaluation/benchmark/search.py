@@ -71,9 +71,9 @@ def worlds_of(spec: SearchSpec) -> list[World]:
     ]
     if spec.worlds is None or spec.worlds >= len(worlds):
         return worlds
-    random = np.random.Generator(np.random.PCG64(spec.seed))
-    chosen = random.choice(len(worlds), spec.worlds, replace=False)
-    return [worlds[i] for i in sorted(chosen.tolist())]
+    # Whoever draws more has all that fewer had.
+    order = np.random.Generator(np.random.PCG64(spec.seed)).permutation(len(worlds))
+    return [worlds[i] for i in sorted(order[: spec.worlds].tolist())]
 
 
 def row_targets() -> list[Target]:

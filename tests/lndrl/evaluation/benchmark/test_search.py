@@ -97,6 +97,8 @@ def test_some_of_many_are_drawn_and_always_the_same() -> None:
     assert len(set(names)) == 4 and names == [world.name for world in worlds_of(spec.search)]
     other = made_spec(worlds=4, seed=8)
     assert other.search is not None and names != [w.name for w in worlds_of(other.search)]
+    fewer = made_spec(worlds=2)
+    assert fewer.search is not None and {w.name for w in worlds_of(fewer.search)} < set(names)
     many = made_spec(worlds=100)
     assert many.search is not None and len(worlds_of(many.search)) == 6
 
