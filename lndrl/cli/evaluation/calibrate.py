@@ -107,7 +107,7 @@ def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, wo
             spec.scenarios,
             episodes,
             spec.seed,
-            {s: [*bench.set, *spec.variants[name].changes(s)] for s in spec.scenarios},
+            {s: [*bench.changes_in(s), *spec.variants[name].changes(s)] for s in spec.scenarios},
             Family.CALIBRATION,
         )
         for name in names

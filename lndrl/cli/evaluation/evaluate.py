@@ -167,7 +167,7 @@ class _World:
         trained = source.config.scenario.name if source.config is not None else ""
         place = self.scenario or (trained if trained in known else known[0])
         contender = Contender(source.label, source, self.localization or "amcl")
-        changes = self.bench.changes.get(place, self.bench.set)
+        changes = self.bench.changes_in(place)
         return bench_config(contender, place, self.bench.seed, changes)
 
 

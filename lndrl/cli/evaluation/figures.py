@@ -64,7 +64,9 @@ def trajectories(
     with _progress(len(places) * len(found), "trajectories") as advance:
         for place in places:
             for contender in found:
-                drives += Replay(contender, place, bench.seed, bench.set).drive([episode])
+                drives += Replay(contender, place, bench.seed, bench.changes_in(place)).drive(
+                    [episode]
+                )
                 advance(1, f"{contender.name} on {drives[-1].scenario}: {drives[-1].reason}")
     from lndrl.view.pictures.trajectories import save_trajectories
 
@@ -106,7 +108,9 @@ def activations(
     contender = contender_named(bench, method)
     need_network(contender)
     with _progress(1, "activations") as advance:
-        moment = moment_of(Replay(contender, place, bench.seed, bench.set), episode, step)
+        moment = moment_of(
+            Replay(contender, place, bench.seed, bench.changes_in(place)), episode, step
+        )
         advance(1)
     from lndrl.view.pictures.activations import Activations, save_activations
 

@@ -136,7 +136,7 @@ def _world(
         words = "the world that it was trained in" if source.config else "the world of lndrl.yaml"
     else:
         names = scenarios or bench.scenarios
-        configs = [bench_config(contender, name, seed, bench.set) for name in names]
+        configs = [bench_config(contender, name, seed, bench.changes_in(name)) for name in names]
         words = f"the world of {file.name}"
     for config in configs:
         check_localization(config)

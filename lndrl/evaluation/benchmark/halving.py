@@ -68,8 +68,7 @@ class Search:
     def _plan(
         self, world: World, who: list[Contender], episodes: int, seed: int, below: str
     ) -> Plan:
-        common = self.bench.set
-        changes = {s: [*common, *world.changes(s)] for s in self.spec.scenarios}
+        changes = {s: [*self.bench.changes_in(s), *world.changes(s)] for s in self.spec.scenarios}
         folder = ResultsFolder(self.path / below / world.name)
         return Plan(folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION)
 

@@ -50,6 +50,9 @@ class BenchmarkSpec(Model):
     set: list[str] = Field(
         default_factory=list, description="key=value, as --set of lndrl train, in all scenarios"
     )
+    only: dict[str, list[str]] = Field(
+        default_factory=dict, description="scenario to key=value, in it alone, after set"
+    )
     kernel_revision: Annotated[int, Field(ge=1)] = Field(
         1, description="of the program's numbers that the frozen hashes are of (docs/bench.md)"
     )
@@ -60,8 +63,12 @@ class BenchmarkSpec(Model):
 
     @property
     def changes(self) -> dict[str, list[str]]:
-        """What ``set`` means for each scenario."""
-        return dict.fromkeys(self.scenarios, self.set)
+        """What ``set`` and ``only`` mean for each scenario."""
+        return {name: self.changes_in(name) for name in self.scenarios}
+
+    def changes_in(self, scenario: str) -> list[str]:
+        """What they mean in ``scenario``, also in one that is not the bench's: key=value."""
+        return [*self.set, *self.only.get(scenario, [])]
 
     def config_of(self, name: str, folder: Path = REPOSITORY_CONFIGS) -> Path | None:
         """The configuration that method ``name`` is trained with: ``NAME.yaml`` in ``folder``.

@@ -38,7 +38,7 @@ variants:
 def hashes() -> dict[str, str]:
     bench = load_benchmark()
     return {
-        scenario: bench_hash(bench_config(STRAIGHT, scenario, 0, bench.set))
+        scenario: bench_hash(bench_config(STRAIGHT, scenario, 0, bench.changes_in(scenario)))
         for scenario in bench.scenarios
     }
 

@@ -38,7 +38,7 @@ def bench() -> BenchmarkSpec:
 
 def test_its_hashes_are_those_that_were_frozen(bench: BenchmarkSpec) -> None:
     (dwa,), _ = contenders(bench, ["dwa"])
-    hashes = {s: bench_hash(bench_config(dwa, s, 0, bench.set)) for s in bench.scenarios}
+    hashes = {s: bench_hash(bench_config(dwa, s, 0, bench.changes_in(s))) for s in bench.scenarios}
     assert hashes == bench.frozen
     check_frozen(bench, hashes)
 
@@ -51,7 +51,7 @@ def test_a_new_key_that_does_nothing_leaves_the_hashes_as_they_are(bench: Benchm
         compass: Annotated[bool, LATER] = Field(False, description="another one")
 
     (dwa,), _ = contenders(bench, ["dwa"])
-    config = bench_config(dwa, "hall", 0, bench.set)
+    config = bench_config(dwa, "hall", 0, bench.changes_in("hall"))
     world, localization = config.world.model_dump(), config.localization.model_dump()
     neutral = {"world": Grip(**world), "localization": Compass(**localization)}
     assert bench_hash(config.model_copy(update=neutral)) == bench.frozen["hall"]
@@ -64,17 +64,19 @@ def test_other_numbers_make_it_another_bench(
 ) -> None:
     (dwa,), _ = contenders(bench, ["dwa"])
     monkeypatch.setattr(spec_module, "KERNEL_REVISION", 2)
-    assert bench_hash(bench_config(dwa, "hall", 0, bench.set)) != bench.frozen["hall"]
+    assert (
+        bench_hash(bench_config(dwa, "hall", 0, bench.changes_in("hall"))) != bench.frozen["hall"]
+    )
     with pytest.raises(UserError, match="frozen at kernel_revision 1, this program's is 2"):
         check_frozen(bench, {})
 
 
 def test_the_delay_is_judged_as_it_was(bench: BenchmarkSpec) -> None:
     (dwa,), _ = contenders(bench, ["dwa"])
-    then = bench_config(dwa, "hall", 0, bench.set)
-    now = bench_config(dwa, "hall", 0, [*bench.set, "task.judged_moment=report"])
+    then = bench_config(dwa, "hall", 0, bench.changes_in("hall"))
+    now = bench_config(dwa, "hall", 0, [*bench.changes_in("hall"), "task.judged_moment=report"])
     assert bench_hash(now) != bench_hash(then)
-    prompt = [*bench.set, "localization.delay=0"]  # nothing is old: both judge alike
+    prompt = [*bench.changes_in("hall"), "localization.delay=0"]  # nothing is old: both judge alike
     assert bench_hash(bench_config(dwa, "hall", 0, prompt)) == bench_hash(
         bench_config(dwa, "hall", 0, [*prompt, "task.judged_moment=report"])
     )
@@ -91,7 +93,7 @@ def test_stored_episodes_are_driven_again_bit_for_bit(bench: BenchmarkSpec, meth
     assert len(rows) == 10
     (contender,), _ = contenders(bench, [method])
     for scenario, kept in groupby(rows, key=lambda row: row["scenario"]):
-        config = bench_config(contender, scenario, bench.seed, bench.set)
+        config = bench_config(contender, scenario, bench.seed, bench.changes_in(scenario))
         runner = EpisodeRunner(contender.source, config, family=Family.BENCH)
         driven = {Family.BENCH.episode(r.world): r.to_dict() for r in runner(range(2))}
         for row in kept:
