@@ -109,6 +109,23 @@ def _effective_value(value: Any, dumped: Any) -> Any:
     return dumped
 
 
+def as_recorded(model: type[Model], data: Any) -> Any:
+    """``data`` for ``model``, with the neutral values of later keys if it is a record from before.
+
+    A record names every key that there was, as a run folder's does; who writes by hand leaves out
+    what need not be said. So a run from before a key goes on in the world that it was begun in.
+    """
+    if not isinstance(data, dict):
+        return data
+    later = {
+        name: marks[0].neutral(field.get_default(call_default_factory=True))
+        for name, field in model.model_fields.items()
+        if (marks := [mark for mark in field.metadata if isinstance(mark, Later)])
+    }
+    whole = all(name in data for name in model.model_fields if name not in later)
+    return {**later, **data} if whole else data
+
+
 def load_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; raises UserError with file and line otherwise."""
     try:

@@ -20,6 +20,7 @@ from lndrl.models import (
     Positive,
     PositiveAngle,
     Probability,
+    as_recorded,
 )
 
 _OWN_RANGE = -1.0
@@ -194,6 +195,7 @@ class LocalizationConfig(Model):
     @classmethod
     def _resolve(cls, data: Any) -> Any:
         """A preset's name, alone or as key, to the keys that it stands for."""
+        data = as_recorded(cls, data)
         if isinstance(data, str):
             data = {"preset": data}
         if not isinstance(data, dict) or not isinstance(data.get("preset"), str):

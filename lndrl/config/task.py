@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from lndrl.extensions import PartName, PartSettings
-from lndrl.models import LATER, Count, Later, Model, Positive, PositiveAngle, Seconds
+from lndrl.models import (
+    LATER,
+    Count,
+    Later,
+    Model,
+    Positive,
+    PositiveAngle,
+    Seconds,
+    as_recorded,
+)
 
 _TERM_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 MOST_TERMS = 16
@@ -91,3 +100,8 @@ class TaskConfig(Model):
         10.0, description="m^2 and rad^2 at which variances are clipped (ours)"
     )
     reward: RewardConfig = Field(RewardConfig(), description="what it is paid (PAPER §III-A3)")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _recorded(cls, data: Any) -> Any:
+        return as_recorded(cls, data)

@@ -354,3 +354,26 @@ def flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def test_several_scans_need_the_encoder_that_reads_them(config_file: Path) -> None:
     with pytest.raises(UserError, match=r"needs network\.scan_encoder: fan"):
         load_config(config_file, ["task.scan_frames=3"])
+
+
+def test_a_record_from_before_a_key_keeps_what_was_so_before(tmp_path: Path) -> None:
+    """A run folder that was begun when ROS's one-bin rule and old reports were read otherwise."""
+    config = load_config("lndrl")
+    data = yaml.safe_load(config.to_yaml())
+    for section, key in (
+        ("localization", "kld_one_bin"), ("localization", "update_at_start"),
+        ("localization", "update_ticks"), ("task", "judged_moment"), ("world", "odometry_draw"),
+    ):  # fmt: skip
+        del data[section][key]
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(data))
+    then = load_config(tmp_path / "config.yaml")
+    assert then.localization.kld_one_bin == "min" and not then.localization.update_at_start
+    assert then.localization.update_ticks is None and then.world.odometry_draw == "step"
+    assert then.task.judged_moment == "present"
+    written = tmp_path / "mine.yaml"  # by hand: the defaults of today
+    written.write_text(
+        "scenario: hybrid\nlocalization: {min_particles: 400}\ntask: {time_limit: 50}"
+    )
+    now = load_config(written)
+    assert now.localization.kld_one_bin == "max" and now.task.judged_moment == "report"
+    assert load_config(written, ["localization=best"]).localization.kld_one_bin == "min"
