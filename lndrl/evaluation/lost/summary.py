@@ -45,7 +45,12 @@ by ROS's rule), a share of the weight."""
 TURNED_EDGES = (0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0)  # rad
 ECHO_EDGES = (0.2, 0.4, 0.6, 0.8)
 PEOPLE_EDGES = (1, 2, 3, 5)
-RISKS = {"turned": TURNED_EDGES, "echoes": ECHO_EDGES, "people": PEOPLE_EDGES}
+STEP_EDGES = (10, 20, 30, 40, 50, 60, 80)
+RISKS = {
+    "turned": TURNED_EDGES, "echoes": ECHO_EDGES, "people": PEOPLE_EDGES, "step": STEP_EDGES,
+}  # fmt: skip
+WHOLE = ("people", "step")
+"""Those of ``RISKS`` that are counted in whole numbers."""
 """What the hazard is told by, with the edges between its bins."""
 
 
@@ -232,6 +237,7 @@ class Exposure(NamedTuple):
     turned: Floats  # rad
     echoes: Floats  # share
     people: Floats
+    step: Floats  # control steps since the start of the episode
     lost: NDArray[np.bool_]
 
 
@@ -247,7 +253,7 @@ def exposure_of(traces: Sequence[Trace], scenarios: Sequence[str], limits: Limit
         place = np.full(trace.steps, scenarios.index(trace.scenario))
         values = (
             trace.column("x"), trace.column("y"), turned(trace.column("yaw")),
-            trace.column("echoes"), trace.column("people"),
+            trace.column("echoes"), trace.column("people"), np.arange(trace.steps + 1.0),
         )  # fmt: skip
         columns.append([place, *(value[moments] for value in values), lost])
     return Exposure(*(np.concatenate(column) for column in zip(*columns, strict=True)))

@@ -17,6 +17,7 @@ from lndrl.evaluation.lost.summary import (
     JUMP_SHARE,
     RISKS,
     TURNED_STEPS,
+    WHOLE,
     Typical,
 )
 from lndrl.evaluation.wilson import wilson_interval
@@ -26,6 +27,7 @@ RISK_NAMES = {
     "turned": f"turned in the last {TURNED_STEPS} steps (rad)",
     "echoes": "share of beams with an echo",
     "people": f"people ahead, within {AHEAD:g} m",
+    "step": "control steps since the start",
 }
 _DIGITS = (3, 3, 0, 4, 4, 2, 2, 3)
 """Behind the point, of ``FIGURES``."""
@@ -136,7 +138,7 @@ def _risks(report: LostReport) -> Table:
 def bin_names(risk: str) -> list[str]:
     """What the bins of one of ``RISKS`` are called."""
     edges = RISKS[risk]
-    if risk == "people":  # whole numbers
+    if risk in WHOLE:
         pairs = zip((0, *edges[:-1]), edges, strict=True)
         whole = [f"{low}" if high == low + 1 else f"{low}–{int(high) - 1}" for low, high in pairs]
         return [*whole, f"{edges[-1]} or more"]

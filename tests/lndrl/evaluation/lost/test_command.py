@@ -91,7 +91,7 @@ def test_the_own_world_of_a_rule_is_the_default_configuration(
     assert run(given) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["world"] == "the world of lndrl.yaml"
-    assert data["definitions"]["delay"] == 0
+    assert data["definitions"]["delay"] == 2
 
 
 @pytest.mark.parametrize(

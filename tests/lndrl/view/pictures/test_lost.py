@@ -61,7 +61,7 @@ def test_maps_do_not_lie_on_each_other() -> None:
     rooms = [room(name, (12.0, 5.0 + 4.0 * (k % 3))) for k, name in enumerate(names)]
     figure = lost_figure(report(names), rooms)
     boxes = [axes.get_position() for axes in figure.axes]
-    assert len(boxes) == len(names) + 4
+    assert len(boxes) == len(names) + 5
     for i, one in enumerate(boxes):
         for other in boxes[:i]:
             apart = one.x0 >= other.x1 or other.x0 >= one.x1
