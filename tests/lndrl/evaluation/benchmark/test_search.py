@@ -31,7 +31,7 @@ from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import Outcome
 from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
-from lndrl.planners import behaviour_hash
+from lndrl.planners import behaviour, behaviour_hash
 
 FACTORS = {
     "slip": {"why": "open", "values": {"firm": {"set": ["a=1"]}, "loose": {"set": ["a=2"]}}},
@@ -189,6 +189,17 @@ def test_behaviour_is_what_is_hashed() -> None:
     hashes = {name: behaviour_hash(name) for name in ("straight", "random", "dwa", "predictive")}
     assert len(set(hashes.values())) == 4
     assert behaviour_hash("straight") == hashes["straight"]
+
+
+def test_another_bench_makes_no_other_planner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frozen = behaviour_hash("careful")
+    shipped = (behaviour.REPOSITORY_CONFIGS / "lndrl.yaml").read_text("utf-8")
+    world = "localization: {delay: 2}\nworld: {tick: 0.2, ticks_per_step: 2}\n"
+    (tmp_path / "lndrl.yaml").write_text(shipped + world)
+    monkeypatch.setattr(behaviour, "REPOSITORY_CONFIGS", tmp_path)
+    assert behaviour_hash("careful") == frozen
 
 
 SPEC = """
