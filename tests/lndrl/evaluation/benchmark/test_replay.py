@@ -228,6 +228,14 @@ def test_a_result_of_other_weights_or_another_place_is_not_drawn(
     check_scenario(result, contender_tested(result, "random")[1], contender, HERE)
 
 
+def test_a_rule_is_driven_again_as_it_was_set(tmp_path: Path) -> None:
+    folder = ResultsFolder(tmp_path)
+    calm = Contender("calm", planner_source("dwa", {"heading_weight": 0.1}), "amcl")
+    Plan(folder, [calm], [HERE], 1, 3).left()
+    contender, _ = contender_tested(folder, "calm")
+    assert contender == calm
+
+
 # -- the worst ------------------------------------------------------------------------------
 
 
