@@ -121,7 +121,9 @@ def _world(
 
     file = find("bench", spec or DEFAULTS["bench"])
     bench = load_benchmark(file)
-    if planner in bench.methods and not is_rule(planner) and not Path(planner).exists():
+    # A rule of the bench may have settings there; what is set here is set of the rule as it is.
+    taken = not own_world if is_rule(planner) else not Path(planner).exists()
+    if planner in bench.methods and taken and not settings:
         (contender,), _ = contenders(bench, [planner], greedy=greedy, configs=file.parent)
     else:
         source = planner_source(planner, settings or None)
