@@ -113,7 +113,10 @@ def test_a_method_of_the_bench_is_the_one_that_the_bench_tests(
     [
         (["lost", "runs/none"], "runs/none: no such run folder or weights file"),
         (["lost", "told", "--bench", "slippery.yaml"], "nobody gets lost who is told the truth"),
-        (["lost", "dwa", "--scenario", "hybird"], "did you mean hybrid?"),
+        (
+            ["lost", "dwa", "--scenario", "hybird"],
+            "lndrl: scenario 'hybird' is unknown; did you mean",
+        ),
         (["lost", "dwa", "--scenario", ","], "--scenario: name one or more"),
         (["lost", "dwa", "--scenario", "hall,hall"], "two scenarios are called hall"),
         (["lost", "dwa", "--bench", "benchmrk"], "did you mean"),
