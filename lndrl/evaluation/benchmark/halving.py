@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lndrl.errors import UserError
-from lndrl.evaluation.benchmark.calibration import METHOD, CalibrationSpec, SearchSpec, dwa_of
+from lndrl.evaluation.benchmark.calibration import (
+    JUDGED,
+    METHOD,
+    CalibrationSpec,
+    SearchSpec,
+    dwa_of,
+)
 from lndrl.evaluation.benchmark.figures import Row, rows_of
 from lndrl.evaluation.benchmark.run import Plan
 from lndrl.evaluation.benchmark.search import Verdict, World, excluded_by, worlds_of
@@ -15,8 +21,6 @@ from lndrl.evaluation.benchmark.spec import BenchmarkSpec, Contender
 from lndrl.evaluation.benchmark.store import ResultsFolder
 from lndrl.navigation.families import Family
 from lndrl.planners import behaviour_hash, planner_source
-
-JUDGED = "judged"
 
 
 @dataclass

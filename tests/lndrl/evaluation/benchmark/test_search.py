@@ -109,6 +109,9 @@ def test_some_of_many_are_drawn_and_always_the_same() -> None:
         ({"seed": 5, "judge_seed": 5}, "judge_seed must differ from seed"),
         ({"factors": {"a": FACTORS["slip"], "b": FACTORS["slip"]}}, "twice: firm, loose"),
         ({"factors": {"a": {"why": "x", "values": {"a/b": {}}}}}, "a/b"),
+        ({"factors": {"a": {"why": "x", "values": {"..": {}}}}}, r"\.\."),
+        ({"factors": {"a": {"why": "x", "values": {"judged": {}}}}}, "cannot be called judged"),
+        ({"rounds": [160, 40]}, r"rounds \[160, 40\] must ascend"),
     ],
 )
 def test_a_search_that_cannot_be_kept_apart_is_refused(
