@@ -74,7 +74,12 @@ class Search:
     ) -> Plan:
         changes = {s: [*self.bench.changes_in(s), *world.changes(s)] for s in self.spec.scenarios}
         folder = ResultsFolder(self.path / below / world.name)
-        return Plan(folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION)
+        try:
+            return Plan(
+                folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION
+            )
+        except UserError as error:
+            raise UserError(f"calibration: search: world {world.name}: {error}") from None
 
     def survivors(self, worlds: Sequence[World], episodes: int) -> list[World]:
         """Those of ``worlds`` that nothing excludes after ``episodes`` in each scenario."""
@@ -126,7 +131,10 @@ class Search:
 def check_planners(spec: SearchSpec) -> None:
     """Raises UserError unless every planner does what it did when its hash was written down."""
     for name, frozen in spec.planners.items():
-        found = behaviour_hash(name)
+        try:
+            found = behaviour_hash(name)
+        except UserError as error:
+            raise UserError(f"calibration: search.planners: {error}") from None
         if found != frozen:
             raise UserError(
                 f"calibration: planner {name} has changed: what it does has the hash {found}, "

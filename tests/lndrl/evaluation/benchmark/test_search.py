@@ -248,3 +248,37 @@ def test_the_command_drops_judges_and_goes_on(
     assert shown.err == "" and "2 worlds, 1 judged, 1 meet DWA's row" in shown.out
     assert lndrl([*common, "--table", "--name", "other"]) == 2
     assert "no world has been judged; run it without --table" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("search", "more", "words"),
+    [
+        ("", [], "bad.yaml: search is missing"),
+        ("{factors: {f: {why: x, values: {a: {}}}}}", ["--variants", "as_is"], "--variants as_is"),
+        ("{factors: {f: {why: x, values: {a: {}}}}}", ["--by-scenario"], "--by-scenario goes with"),
+        (
+            "{factors: {f: {why: x, values: {odd: {set: [localization.dely=1]}}}}}",
+            [],
+            "search: world odd: ",
+        ),
+        (
+            "{planners: {nobody: '0'}, factors: {f: {why: x, values: {a: {}}}}}",
+            [],
+            "search.planners: nobody: no such run folder",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_search_is_said(
+    search: str,
+    more: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "scenarios: [sparse]\nvariants: {as_is: {why: nothing}}\n"
+    Path("bad.yaml").write_text(text + (f"search: {search}\n" if search else ""))
+    assert lndrl(["calibrate", "bad.yaml", "--search", "--workers", "0", *more]) == 2
+    error = capsys.readouterr().err
+    assert words in error and len(error.strip().splitlines()) == 1
