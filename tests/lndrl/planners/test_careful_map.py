@@ -148,7 +148,12 @@ def test_it_goes_round_where_scans_tell_little(config, place) -> None:
 def test_a_place_is_studied_once(config, place, monkeypatch) -> None:
     planner, studied = CarefulMapPlanner(config), []
     study = planner._study
-    monkeypatch.setattr(planner, "_study", lambda each: studied.append(each) or study(each))
+
+    def noted(each):
+        studied.append(each)
+        return study(each)
+
+    monkeypatch.setattr(planner, "_study", noted)
     for _ in range(2):
         planner.reset(0, [0, 1, 2])
         planner.enter([place] * 3)
