@@ -359,6 +359,7 @@ def test_the_command_fills_a_folder_and_shows_it(
         (["--scenarios", "hal"], "did you mean hall"),
         (["--name", "nothing", "--table"], "holds no results"),
         (["--workers", "-1"], "--workers -1"),
+        (["--spec", "odd.yaml"], "odd.yaml: only names hal, none of the scenarios hall"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -369,6 +370,8 @@ def test_bad_input_is_one_sentence(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    only = "only: {hal: [localization.delay=1]}\nmethods: {dwa: {planner: dwa}}\n"
+    Path("odd.yaml").write_text(f"scenarios: [hall]\n{only}")
     assert lndrl(["benchmark", *arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert sentence in error
