@@ -351,6 +351,18 @@ def test_the_command_fills_a_folder_and_shows_it(
     assert "straight" in capsys.readouterr().out
 
 
+def test_a_rule_that_refuses_the_world_is_told_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "methods: {straight: {planner: straight}, careful: {planner: careful}}\n"
+    Path("rules.yaml").write_text(f"scenarios: [hall]\n{rows}")
+    common = ["benchmark", "--spec", "rules.yaml", "--episodes", "1", "--workers", "0"]
+    assert lndrl([*common, "--localization", "perfect"]) == 2
+    assert "careful: localization perfect has no variances" in capsys.readouterr().err
+    assert not Path("results").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
