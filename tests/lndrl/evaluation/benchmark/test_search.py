@@ -24,6 +24,7 @@ from lndrl.evaluation.benchmark.search import (
     missed_by,
     row_targets,
     spread_of,
+    standard_error,
     worlds_of,
 )
 from lndrl.models import validate
@@ -77,6 +78,11 @@ def made_row(
         for k, outcome in enumerate(outcomes)
     }  # fmt: skip
     return Row(method, ("sparse",), records)
+
+
+def test_none_lost_is_not_taken_for_certain() -> None:
+    error = standard_error(made_row(ends=(140, 60, 0, 0)).metrics, "lr")
+    assert error == pytest.approx((2 / 204 * 202 / 204 / 200) ** 0.5)
 
 
 def test_every_combination_is_a_world() -> None:
@@ -248,6 +254,16 @@ def test_the_command_drops_judges_and_goes_on(
     assert shown.err == "" and "2 worlds, 1 judged, 1 meet DWA's row" in shown.out
     assert lndrl([*common, "--table", "--name", "other"]) == 2
     assert "no world has been judged; run it without --table" in capsys.readouterr().err
+    # Judged by episodes of a seed that no round had, and by all of them or not at all.
+    rounds, judged = (
+        Path("results/calibration/search", *p) for p in (["firm"], ["judged", "firm"])
+    )
+    seeds = [json.loads((each / "benchmark.json").read_text())["seed"] for each in (rounds, judged)]
+    assert seeds == [2000, 2001]
+    episodes = judged / "dwa-sparse.csv"
+    episodes.write_text("".join(episodes.read_text().splitlines(keepends=True)[:-1]))
+    assert lndrl([*common, "--table"]) == 2
+    assert "no world has been judged" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
