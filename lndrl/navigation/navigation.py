@@ -156,6 +156,11 @@ class Navigation:
         return self.track.reports[-1, :3]
 
     @property
+    def pose_judged(self) -> NDArray[np.float64]:
+        """(3,) the true pose that ``pose_heard`` is judged by, see ``task.judged_moment``."""
+        return self.track.reports[-1, 6:]
+
+    @property
     def outcome(self) -> str:
         """How the episode ended; "" while it runs, "unstarted" before the first."""
         return OUTCOME_NAMES[self.track.outcome[0]] if self.episode >= 0 else "unstarted"

@@ -89,7 +89,8 @@ class CarefulMapPlanner(CarefulPlanner):
         """See ``MapPlanner.enter``."""
         self._places = list(places)
         # Those of former episodes are let go: a random scenario has a place for each.
-        self._known = {place: self._known.get(place) or self._study(place) for place in places}
+        each = dict.fromkeys(places)
+        self._known = {place: self._known.get(place) or self._study(place) for place in each}
 
     def _study(self, place: Place) -> tuple[LocalizabilityField, Ways, Ways]:
         """The field of ``place``, its ways as scans make them, and as lengths alone do."""

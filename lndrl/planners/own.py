@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,9 @@ _SLACK = 1e-9  # rounding
 class OwnPlanner:
     """The planner that ``name`` stands for, under ``config``.
 
-    Its class is called with (config) and its settings; one that is a ``MapPlanner`` is told the
-    places and poses. Raises UserError where it is not trusted, not there, fails, or gives
-    velocities that the robot does not have.
+    Its class is called with (config) and its settings; one that has ``enter`` and ``hear`` is told
+    the places and poses (``MapPlanner``). Raises UserError where it is not trusted, not there,
+    fails, or gives velocities that the robot does not have.
     """
 
     def __init__(
@@ -35,6 +35,9 @@ class OwnPlanner:
         found = find(PLANNER, name, builtin)
         assert found is not None  # a built-in planner is none of a user's own
         self._planner: Planner = make(PLANNER, found, name, config, **settings)
+        # Not isinstance(MapPlanner): who asks for the map need not have a name.
+        asks = all(callable(getattr(self._planner, each, None)) for each in ("enter", "hear"))
+        self._knower = cast(MapPlanner, self._planner) if asks else None
         self._limits = tuple(
             (min(speeds), max(speeds))
             for speeds in (config.task.linear_velocities, config.task.angular_velocities)
@@ -47,15 +50,15 @@ class OwnPlanner:
 
     def enter(self, places: Sequence[Place]) -> None:
         """See ``MapPlanner.enter``."""
-        if isinstance(self._planner, MapPlanner):
+        if self._knower is not None:
             with calling(PLANNER, self.name):
-                self._planner.enter(places)
+                self._knower.enter(places)
 
     def hear(self, poses: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
         """See ``MapPlanner.hear``."""
-        if isinstance(self._planner, MapPlanner):
+        if self._knower is not None:
             with calling(PLANNER, self.name):
-                self._planner.hear(poses, rows)
+                self._knower.hear(poses, rows)
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``."""

@@ -7,10 +7,11 @@ account of the variances. Everything but the method is ours (docs/planners.md).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from lndrl.config import RunConfig
 from lndrl.models import Model, NonNegative, Positive, Seconds
@@ -58,6 +59,15 @@ class PredictiveConfig(Model):
         0.0, description="of an end from which nothing is seen of the walls that are seen now"
     )
     spacing: NonNegative = Field(0.06, description="m between neighbouring echoes that count")
+
+    @model_validator(mode="after")
+    def _blocked_is_close(self) -> Self:
+        if self.detour_blocked > self.detour_close:
+            raise ValueError(
+                f"detour_blocked {self.detour_blocked:g} must not exceed detour_close "
+                f"({self.detour_close:g}): what is blocked is avoided, too"
+            )
+        return self
 
 
 class PredictivePlanner:

@@ -67,8 +67,14 @@ def calibrate(
     from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import ResultsFolder, choose, load_calibration
 
-    spec = load_calibration(find("calibration", file or DEFAULTS["calibration"]))
+    path = find("calibration", file or DEFAULTS["calibration"])
+    spec = load_calibration(path)
     if search:
+        if spec.search is None:
+            raise UserError(f"{path}: search is missing; name its factors there")
+        if variants is not None or by_scenario:
+            wrong = "--by-scenario" if variants is None else f"--variants {variants}"
+            raise UserError(f"{wrong} goes with the file's variants, not with --search")
         from lndrl.cli.evaluation.calibrate_search import search_worlds
 
         count = usable_cores() if workers is None else workers

@@ -113,7 +113,7 @@ def _world(
     greedy: bool,
 ) -> tuple[PlannerSource, str, list[RunConfig]]:
     """The planner, the world in words, and the configuration of every scenario."""
-    from lndrl.config import DEFAULTS, find
+    from lndrl.config import DEFAULTS, find, load_scenario
     from lndrl.evaluation import settings_for
     from lndrl.evaluation.benchmark import Contender, bench_config, contenders, load_benchmark
     from lndrl.evaluation.lost import check_localization
@@ -121,7 +121,9 @@ def _world(
 
     file = find("bench", spec or DEFAULTS["bench"])
     bench = load_benchmark(file)
-    if planner in bench.methods and not is_rule(planner) and not Path(planner).exists():
+    # A rule of the bench may have settings there; what is set here is set of the rule as it is.
+    taken = not own_world if is_rule(planner) else not Path(planner).exists()
+    if planner in bench.methods and taken and not settings:
         (contender,), _ = contenders(bench, [planner], greedy=greedy, configs=file.parent)
     else:
         source = planner_source(planner, settings or None)
@@ -136,6 +138,8 @@ def _world(
         words = "the world that it was trained in" if source.config else "the world of lndrl.yaml"
     else:
         names = scenarios or bench.scenarios
+        for name in scenarios or []:
+            load_scenario(name)  # says so where there is none of that name
         configs = [bench_config(contender, name, seed, bench.changes_in(name)) for name in names]
         words = f"the world of {file.name}"
     for config in configs:

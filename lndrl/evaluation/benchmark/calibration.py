@@ -24,9 +24,11 @@ from lndrl.planners.dwa import DWAConfig
 
 CALIBRATION = REPOSITORY_CONFIGS / "calibration.yaml"
 METHOD = "dwa"
+JUDGED = "judged"
+"""Folder of the worlds that are judged, beside those of the rounds."""
 
 
-Reading = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,40}$")]
+Reading = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,39}$")]
 """A reading's name: a world's folder is made of them."""
 
 
@@ -95,6 +97,10 @@ class SearchSpec(Model):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"readings need names of their own; twice: {', '.join(twice)}")
+        if JUDGED in names:
+            raise ValueError(f"a reading cannot be called {JUDGED}: its results would lie there")
+        if self.rounds != sorted(set(self.rounds)):
+            raise ValueError(f"rounds {self.rounds} must ascend: each adds to the one before")
         return self
 
 

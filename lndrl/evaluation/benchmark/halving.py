@@ -7,7 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lndrl.errors import UserError
-from lndrl.evaluation.benchmark.calibration import METHOD, CalibrationSpec, SearchSpec, dwa_of
+from lndrl.evaluation.benchmark.calibration import (
+    JUDGED,
+    METHOD,
+    CalibrationSpec,
+    SearchSpec,
+    dwa_of,
+)
 from lndrl.evaluation.benchmark.figures import Row, rows_of
 from lndrl.evaluation.benchmark.run import Plan
 from lndrl.evaluation.benchmark.search import Verdict, World, excluded_by, worlds_of
@@ -15,8 +21,6 @@ from lndrl.evaluation.benchmark.spec import BenchmarkSpec, Contender
 from lndrl.evaluation.benchmark.store import ResultsFolder
 from lndrl.navigation.families import Family
 from lndrl.planners import behaviour_hash, planner_source
-
-JUDGED = "judged"
 
 
 @dataclass
@@ -70,7 +74,12 @@ class Search:
     ) -> Plan:
         changes = {s: [*self.bench.changes_in(s), *world.changes(s)] for s in self.spec.scenarios}
         folder = ResultsFolder(self.path / below / world.name)
-        return Plan(folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION)
+        try:
+            return Plan(
+                folder, who, self.spec.scenarios, episodes, seed, changes, Family.CALIBRATION
+            )
+        except UserError as error:
+            raise UserError(f"calibration: search: world {world.name}: {error}") from None
 
     def survivors(self, worlds: Sequence[World], episodes: int) -> list[World]:
         """Those of ``worlds`` that nothing excludes after ``episodes`` in each scenario."""
@@ -122,7 +131,10 @@ class Search:
 def check_planners(spec: SearchSpec) -> None:
     """Raises UserError unless every planner does what it did when its hash was written down."""
     for name, frozen in spec.planners.items():
-        found = behaviour_hash(name)
+        try:
+            found = behaviour_hash(name)
+        except UserError as error:
+            raise UserError(f"calibration: search.planners: {error}") from None
         if found != frozen:
             raise UserError(
                 f"calibration: planner {name} has changed: what it does has the hash {found}, "

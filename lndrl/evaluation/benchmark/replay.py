@@ -31,7 +31,9 @@ Floats = NDArray[np.float64]
 class Drive:
     """One episode over time: the start and the end of each of its T control steps.
 
-    Map frame, metres, radians, seconds. ``hit`` is what the robot touched at the end.
+    Map frame, metres, radians, seconds. Errors are those of what is heard against where the robot
+    is, but for ``judged_error`` (m, rad), which the end was judged by (``task.judged_moment``).
+    ``hit`` is what the robot touched at the end.
     """
 
     method: str
@@ -43,6 +45,7 @@ class Drive:
     pose_estimated: Floats  # (T + 1, 3)
     position_error: Floats  # (T + 1,) m
     angle_error: Floats  # (T + 1,) rad
+    judged_error: tuple[float, float]
     people: Floats  # (T + 1, P, 2)
     end: WorldSnapshot
     lost_distance: float
@@ -62,9 +65,10 @@ class Drive:
             return f"collided with {what} {after}"
         if self.record.outcome == "lost":
             # Either limit ends an episode; the position says more where both are passed.
-            if self.position_error[-1] > self.lost_distance:
-                return f"lost: {self.position_error[-1]:.1f} m off {after}"
-            return f"lost: {math.degrees(self.angle_error[-1]):.0f}° off {after}"
+            metres, radians = self.judged_error
+            if metres > self.lost_distance:
+                return f"lost: {metres:.1f} m off {after}"
+            return f"lost: {math.degrees(radians):.0f}° off {after}"
         if self.record.outcome == "timeout":
             away = float(np.hypot(*(self.end.goal - self.pose_true[-1, :2])))
             return f"out of time {away:.1f} m from the goal"
@@ -149,6 +153,7 @@ class Replay:
             pose_estimated=np.array(camera.pose_estimated),
             position_error=np.array(camera.position_error),
             angle_error=np.array(camera.angle_error),
+            judged_error=camera.judged_error,
             people=np.array(camera.people),
             end=camera.end,
             lost_distance=task.lost_distance,
@@ -165,6 +170,7 @@ class _Camera:
         self.pose_estimated: list[Floats] = []
         self.position_error: list[float] = []
         self.angle_error: list[float] = []
+        self.judged_error = 0.0, 0.0
         self.people: list[Floats] = []
         self.hit: Hit = ""
         self.end: WorldSnapshot | None = None
@@ -178,6 +184,11 @@ class _Camera:
         self.angle_error.append(float(angle_error(true, estimated)))
         self.people.append(world.world.pedestrian_position.copy())
         if world.outcome:
+            judged = world.pose_judged
+            self.judged_error = (
+                float(position_error(judged, estimated)),
+                float(angle_error(judged, estimated)),
+            )
             self.hit = world.world.collided_with
             self.end = world.snapshot()
 

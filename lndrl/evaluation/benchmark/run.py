@@ -21,6 +21,7 @@ from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.runner import BLOCK
 from lndrl.navigation import EpisodeRecord, build_surroundings
 from lndrl.navigation.families import Family
+from lndrl.planners.factory import RULES
 from lndrl.version import VERSION
 
 _PLACES = 8
@@ -56,8 +57,8 @@ class Plan:
     ``changes`` (scenario to key=value) make another bench of some scenarios, for calibration;
     ``family`` says whose episodes are run, ``version`` of which version of the bench.
 
-    Raises UserError for unknown scenarios; the other methods also where the folder holds results
-    of another bench, seed or weights, or cannot be written.
+    Raises UserError for unknown scenarios and rules that refuse their world; the other methods
+    also where the folder holds results of another bench, seed or weights, or cannot be written.
     """
 
     def __init__(
@@ -83,6 +84,9 @@ class Plan:
             for contender in methods
             for scenario in scenarios
         ]
+        for cell in self.cells:
+            if cell.contender.source.name in RULES:  # quickly built; said now, not after hours
+                cell.contender.source.build(cell.config)
         self.identity = Identity(
             seed,
             VERSION,

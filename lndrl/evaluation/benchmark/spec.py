@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
@@ -60,6 +60,15 @@ class BenchmarkSpec(Model):
         default_factory=dict, description="scenario to the hash that it must have"
     )
     methods: dict[str, Method] = Field(min_length=1, description="rows of the table, by name")
+
+    @model_validator(mode="after")
+    def _known_places(self) -> BenchmarkSpec:
+        for name in self.only:
+            if name not in self.scenarios:
+                raise ValueError(
+                    f"only names {name}, none of the scenarios {', '.join(self.scenarios)}"
+                )
+        return self
 
     @property
     def changes(self) -> dict[str, list[str]]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.replay import Drive
@@ -75,7 +77,7 @@ def contender_tested(folder: ResultsFolder, name: str) -> tuple[Contender, Ident
     kept = methods[name]
     localization: Localization = "perfect" if kept.get("localization") == "perfect" else "amcl"
     try:
-        source = planner_source(kept.get("planner", name))
+        source = planner_source(kept.get("planner", name), _settings(kept.get("identity", "")))
     except UserError as error:
         raise UserError(f"method {name}: {error}") from None
     contender = Contender(name, source, localization, kept.get("actions") == "greedy")
@@ -85,6 +87,15 @@ def contender_tested(folder: ResultsFolder, name: str) -> tuple[Contender, Ident
             f"give {source.name} its weights back, or run lndrl benchmark under another --name"
         )
     return contender, identity
+
+
+def _settings(identity: str) -> dict[str, Any] | None:
+    """What was set of a rule or a class of one's own: the JSON that its identity ends with."""
+    _, brace, text = identity.partition(" {")
+    try:
+        return dict(json.loads("{" + text)) if brace else None
+    except ValueError:
+        return None
 
 
 def check_scenario(

@@ -76,6 +76,13 @@ class Plan:
         _check_names("scenario", [scenario.name for scenario in self.scenarios])
         _check_names("pedestrian count", self.pedestrians)
         _check_names("setting", tuple(self.settings))
+        last = self.world.ticks_per_step
+        for label, config in self.settings.items():
+            if config.update_ticks is not None and config.update_ticks[-1] != last:
+                raise UserError(
+                    f"setting {label}: update_ticks {config.update_ticks} must end with {last}, "
+                    "the last tick of a control step of the drives"
+                )
         for scenario in self.scenarios:
             for people in self.pedestrians:
                 with_pedestrians(scenario, people)

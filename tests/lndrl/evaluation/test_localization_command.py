@@ -123,3 +123,6 @@ def test_bad_keys_in_a_settings_file(tmp_path: Path, capsys) -> None:
     file.write_text("kind: perfect\n")
     assert run(["localization", "--settings", str(file), "--scenarios", "hybrid"]) == 2
     assert "no errors to report" in capsys.readouterr().err
+    file.write_text("update_ticks: [2, 3]\n")
+    assert run(["localization", "--settings", str(file), "--scenarios", "hybrid"]) == 2
+    assert "setting odd: update_ticks [2, 3] must end with 4" in capsys.readouterr().err

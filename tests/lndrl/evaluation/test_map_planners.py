@@ -105,7 +105,6 @@ TEXT = """
     import numpy as np
 
     class Knows:
-        name = "knows"
         def __init__(self, config):
             pass
         def reset(self, seed, worlds):

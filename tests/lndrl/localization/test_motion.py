@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from numba import njit
 
+from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.localization.angles import difference, sincos, wrap
 from lndrl.localization.motion import decompose, deviations, draw_noise, move, scatter
 from lndrl.randomness import stream_state
@@ -117,3 +119,27 @@ def test_scatter_has_the_asked_spread():
     assert np.allclose(rows[:3].mean(axis=1), [2.0, 3.0, 1.0], atol=0.006)
     assert np.allclose(rows[:3].std(axis=1), [0.05, 0.1, 0.2], rtol=0.02)
     assert np.allclose(rows[3], np.cos(rows[2]))
+
+
+def test_the_page_s_noise_per_control_step_is_the_model_s():
+    """docs/localization.md: at 0.6 m/s and 0.9 rad/s, by the ticks that are heard."""
+    page = (REPOSITORY_CONFIGS.parent / "docs" / "localization.md").read_text("utf-8")
+    for name, ticks in (("every tick", (1, 2, 3, 4)), ("`[2, 3, 4]`", (2, 3, 4)),
+                        ("`[2, 4]`", (2, 4)), ("`[4]`", (4,))):  # fmt: skip
+        poses = [arc(0.1 * tick) for tick in (0, *ticks)]
+        noise = np.array(
+            [deviations(*decompose(*pair), (0.2,) * 4) for pair in itertools.pairwise(poses)]
+        )
+        along = 1e3 * np.hypot.reduce(noise[:, 1])
+        turning = 1e3 * np.hypot.reduce(noise[:, ::2].ravel())
+        row = (
+            f"| {name} | {along:.1f} | {100 * along / 24:.0f} % "
+            f"| {turning:.1f} | {100 * turning / 36:.0f} % |"
+        )
+        assert row in page
+
+
+def arc(seconds):
+    """The pose of a robot that drives 0.6 m/s and 0.9 rad/s from the origin."""
+    turned = 0.9 * seconds
+    return np.array([np.sin(turned), 1.0 - np.cos(turned), 1.5 * turned]) * (0.6 / 0.9)

@@ -145,6 +145,21 @@ def test_it_goes_round_where_scans_tell_little(config, place) -> None:
     assert straight[:, 1].max() < 6.0 and bent[band, 1].min() > 6.0
 
 
+def test_a_place_is_studied_once(config, place, monkeypatch) -> None:
+    planner, studied = CarefulMapPlanner(config), []
+    study = planner._study
+
+    def noted(each):
+        studied.append(each)
+        return study(each)
+
+    monkeypatch.setattr(planner, "_study", noted)
+    for _ in range(2):
+        planner.reset(0, [0, 1, 2])
+        planner.enter([place] * 3)
+    assert studied == [place]
+
+
 def test_what_it_refuses(config, place) -> None:
     with pytest.raises(UserError, match=r"^careful\+map: localization perfect has no variances"):
         planner_source("careful+map").build(config_of(localization={"kind": "perfect"}))

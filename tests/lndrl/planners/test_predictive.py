@@ -122,3 +122,5 @@ def test_it_is_found_by_name_and_its_parameters_are_checked(config: RunConfig) -
         planner_source("predictive", {"goal_wieght": 2.0})
     with pytest.raises(UserError, match="predictive: sample_period = 0: "):
         planner_source("predictive", {"sample_period": 0})
+    with pytest.raises(UserError, match=r"detour_blocked 0\.25 must not exceed detour_close"):
+        planner_source("predictive", {"detour_close": 0.1})

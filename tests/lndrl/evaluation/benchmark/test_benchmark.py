@@ -351,6 +351,18 @@ def test_the_command_fills_a_folder_and_shows_it(
     assert "straight" in capsys.readouterr().out
 
 
+def test_a_rule_that_refuses_the_world_is_told_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = "methods: {straight: {planner: straight}, careful: {planner: careful}}\n"
+    Path("rules.yaml").write_text(f"scenarios: [hall]\n{rows}")
+    common = ["benchmark", "--spec", "rules.yaml", "--episodes", "1", "--workers", "0"]
+    assert lndrl([*common, "--localization", "perfect"]) == 2
+    assert "careful: localization perfect has no variances" in capsys.readouterr().err
+    assert not Path("results").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -359,6 +371,7 @@ def test_the_command_fills_a_folder_and_shows_it(
         (["--scenarios", "hal"], "did you mean hall"),
         (["--name", "nothing", "--table"], "holds no results"),
         (["--workers", "-1"], "--workers -1"),
+        (["--spec", "odd.yaml"], "odd.yaml: only names hal, none of the scenarios hall"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -369,6 +382,8 @@ def test_bad_input_is_one_sentence(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    only = "only: {hal: [localization.delay=1]}\nmethods: {dwa: {planner: dwa}}\n"
+    Path("odd.yaml").write_text(f"scenarios: [hall]\n{only}")
     assert lndrl(["benchmark", *arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert sentence in error

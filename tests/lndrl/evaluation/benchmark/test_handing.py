@@ -289,3 +289,11 @@ def test_a_packed_folder_can_be_gone_on_with(tmp_path: Path) -> None:
     on = Plan(ResultsFolder(tmp_path / "packed"), [dwa], ["sparse"], 9, 3)
     assert on.left() == 8
     assert on.folder.records("straight", "sparse") == plan.folder.records("straight", "sparse")
+
+
+def test_git_keeps_what_comes_with_the_program() -> None:
+    """Though not what runs leave in folders of the same name."""
+    root = handing.SHIPPED.parents[1]
+    ignored = (root / ".gitignore").read_text("utf-8").split()
+    for part in handing.SHIPPED.relative_to(root).parts:
+        assert not {part, f"{part}/", f"**/{part}/"} & set(ignored)

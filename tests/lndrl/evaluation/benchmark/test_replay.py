@@ -167,11 +167,28 @@ def test_reasons(
         record=record(0, outcome, 0.25, 14.4),
         hit=hit,
         pose_true=np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]),
-        position_error=np.array([0.0, position]),
-        angle_error=np.array([0.0, angle]),
+        judged_error=(position, angle),
         end=end,
     )
     assert made.reason == words
+
+
+@pytest.mark.parametrize("moment", ["report", "present"])
+def test_who_was_lost_is_so_by_what_was_judged(moment: str) -> None:
+    """Not by how far off an old report is from where the robot has got to since."""
+    contender = contender_named(load_benchmark(Path("bench.yaml")), "random")
+    changes = [f"task.judged_moment={moment}", "localization.delay=1", "task.lost_angle=0.4",
+               "task.lost_distance=0.3"]  # fmt: skip
+    replay = Replay(contender, HERE, 3, changes)
+    drives = replay.drive(range(24))
+    ends = {drive.record.outcome for drive in drives}
+    assert "lost" in ends and len(ends) > 1
+    for drive in drives:
+        metres, radians = drive.judged_error
+        passed = metres > 0.3 or radians > 0.4
+        assert passed == (drive.record.outcome == "lost") or drive.hit, drive.episode
+    now = [(d.position_error[-1], d.angle_error[-1]) for d in drives]
+    assert ([d.judged_error for d in drives] == now) == (moment == "present")
 
 
 # -- who drives -----------------------------------------------------------------------------
@@ -209,6 +226,14 @@ def test_a_result_of_other_weights_or_another_place_is_not_drawn(
     with pytest.raises(UserError, match=r"scenario room\.yaml has changed"):
         check_scenario(other, identity, contender, HERE)
     check_scenario(result, contender_tested(result, "random")[1], contender, HERE)
+
+
+def test_a_rule_is_driven_again_as_it_was_set(tmp_path: Path) -> None:
+    folder = ResultsFolder(tmp_path)
+    calm = Contender("calm", planner_source("dwa", {"heading_weight": 0.1}), "amcl")
+    Plan(folder, [calm], [HERE], 1, 3).left()
+    contender, _ = contender_tested(folder, "calm")
+    assert contender == calm
 
 
 # -- the worst ------------------------------------------------------------------------------

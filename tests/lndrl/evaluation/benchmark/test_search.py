@@ -24,6 +24,7 @@ from lndrl.evaluation.benchmark.search import (
     missed_by,
     row_targets,
     spread_of,
+    standard_error,
     worlds_of,
 )
 from lndrl.models import validate
@@ -31,7 +32,7 @@ from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import Outcome
 from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
-from lndrl.planners import behaviour_hash
+from lndrl.planners import behaviour, behaviour_hash
 
 FACTORS = {
     "slip": {"why": "open", "values": {"firm": {"set": ["a=1"]}, "loose": {"set": ["a=2"]}}},
@@ -79,6 +80,11 @@ def made_row(
     return Row(method, ("sparse",), records)
 
 
+def test_none_lost_is_not_taken_for_certain() -> None:
+    error = standard_error(made_row(ends=(140, 60, 0, 0)).metrics, "lr")
+    assert error == pytest.approx((2 / 204 * 202 / 204 / 200) ** 0.5)
+
+
 def test_every_combination_is_a_world() -> None:
     spec = made_spec()
     assert spec.search is not None
@@ -109,6 +115,9 @@ def test_some_of_many_are_drawn_and_always_the_same() -> None:
         ({"seed": 5, "judge_seed": 5}, "judge_seed must differ from seed"),
         ({"factors": {"a": FACTORS["slip"], "b": FACTORS["slip"]}}, "twice: firm, loose"),
         ({"factors": {"a": {"why": "x", "values": {"a/b": {}}}}}, "a/b"),
+        ({"factors": {"a": {"why": "x", "values": {"..": {}}}}}, r"\.\."),
+        ({"factors": {"a": {"why": "x", "values": {"judged": {}}}}}, "cannot be called judged"),
+        ({"rounds": [160, 40]}, r"rounds \[160, 40\] must ascend"),
     ],
 )
 def test_a_search_that_cannot_be_kept_apart_is_refused(
@@ -191,6 +200,17 @@ def test_behaviour_is_what_is_hashed() -> None:
     assert behaviour_hash("straight") == hashes["straight"]
 
 
+def test_another_bench_makes_no_other_planner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frozen = behaviour_hash("careful")
+    shipped = (behaviour.REPOSITORY_CONFIGS / "lndrl.yaml").read_text("utf-8")
+    world = "localization: {delay: 2}\nworld: {tick: 0.2, ticks_per_step: 2}\n"
+    (tmp_path / "lndrl.yaml").write_text(shipped + world)
+    monkeypatch.setattr(behaviour, "REPOSITORY_CONFIGS", tmp_path)
+    assert behaviour_hash("careful") == frozen
+
+
 SPEC = """
 scenarios: [sparse]
 variants: {as_is: {why: nothing}}
@@ -234,3 +254,47 @@ def test_the_command_drops_judges_and_goes_on(
     assert shown.err == "" and "2 worlds, 1 judged, 1 meet DWA's row" in shown.out
     assert lndrl([*common, "--table", "--name", "other"]) == 2
     assert "no world has been judged; run it without --table" in capsys.readouterr().err
+    # Judged by episodes of a seed that no round had, and by all of them or not at all.
+    rounds, judged = (
+        Path("results/calibration/search", *p) for p in (["firm"], ["judged", "firm"])
+    )
+    seeds = [json.loads((each / "benchmark.json").read_text())["seed"] for each in (rounds, judged)]
+    assert seeds == [2000, 2001]
+    episodes = judged / "dwa-sparse.csv"
+    episodes.write_text("".join(episodes.read_text().splitlines(keepends=True)[:-1]))
+    assert lndrl([*common, "--table"]) == 2
+    assert "no world has been judged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("search", "more", "words"),
+    [
+        ("", [], "bad.yaml: search is missing"),
+        ("{factors: {f: {why: x, values: {a: {}}}}}", ["--variants", "as_is"], "--variants as_is"),
+        ("{factors: {f: {why: x, values: {a: {}}}}}", ["--by-scenario"], "--by-scenario goes with"),
+        (
+            "{factors: {f: {why: x, values: {odd: {set: [localization.dely=1]}}}}}",
+            [],
+            "search: world odd: ",
+        ),
+        (
+            "{planners: {nobody: '0'}, factors: {f: {why: x, values: {a: {}}}}}",
+            [],
+            "search.planners: nobody: no such run folder",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_search_is_said(
+    search: str,
+    more: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "scenarios: [sparse]\nvariants: {as_is: {why: nothing}}\n"
+    Path("bad.yaml").write_text(text + (f"search: {search}\n" if search else ""))
+    assert lndrl(["calibrate", "bad.yaml", "--search", "--workers", "0", *more]) == 2
+    error = capsys.readouterr().err
+    assert words in error and len(error.strip().splitlines()) == 1

@@ -94,12 +94,29 @@ def test_the_own_world_of_a_rule_is_the_default_configuration(
     assert data["definitions"]["delay"] == 2
 
 
+def test_a_method_of_the_bench_is_the_one_that_the_bench_tests(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    timid = BENCH.replace("told: {", "dwa: {planner: dwa, settings: {horizon: 3.0}}, told: {")
+    (here / "timid.yaml").write_text(timid)
+    found = []
+    for more in ([], ["--planner-set", "horizon=3.0"], ["--planner-set", "horizon=1.6"]):
+        given = ["lost", "dwa", *TRY, "--json", *more]
+        given[given.index("slippery.yaml")] = "timid.yaml"
+        assert run(given) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0] == found[1] != found[2]
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (["lost", "runs/none"], "runs/none: no such run folder or weights file"),
         (["lost", "told", "--bench", "slippery.yaml"], "nobody gets lost who is told the truth"),
-        (["lost", "dwa", "--scenario", "hybird"], "did you mean hybrid?"),
+        (
+            ["lost", "dwa", "--scenario", "hybird"],
+            "lndrl: scenario 'hybird' is unknown; did you mean",
+        ),
         (["lost", "dwa", "--scenario", ","], "--scenario: name one or more"),
         (["lost", "dwa", "--scenario", "hall,hall"], "two scenarios are called hall"),
         (["lost", "dwa", "--bench", "benchmrk"], "did you mean"),
@@ -109,6 +126,7 @@ def test_the_own_world_of_a_rule_is_the_default_configuration(
         (["lost", "dwa", "--episodes", "0"], "--episodes"),
         (["lost", "dwa", "--workers", "-1"], "--workers"),
         (["lost", "random", "--planner-set", "speed=1"], "random: takes no settings"),
+        (["lost", "lndrl", "--planner-set", "speed=1"], "lndrl: takes no settings"),
     ],
 )
 def test_bad_input_is_one_sentence(

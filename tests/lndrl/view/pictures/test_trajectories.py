@@ -45,6 +45,7 @@ def drive(world: Callable[..., Any]) -> Make:
             pose_estimated=true + 0.05,
             position_error=0.05 * time,
             angle_error=0.01 * time,
+            judged_error=(0.2, 0.04),
             people=np.repeat(end.pedestrian_position[None], 11, axis=0),
             end=end,
             lost_distance=2.0,
