@@ -38,6 +38,8 @@ from lndrl.planners import planner_source
 METHODS = ("dwa", "careful+map")
 PLACES = ("hall", "sparse")
 FIGURES = len(REWARD_PARTS) + 6
+VERSION = load_benchmark().version
+NEXT = VERSION + 1
 
 
 def record(random: np.random.Generator, k: int, family: Family = Family.BENCH) -> EpisodeRecord:
@@ -64,6 +66,7 @@ def filled(path: Path, episodes: int = 9, **identity: object) -> ResultsFolder:
         {place: bench.frozen[place] for place in PLACES},
         {name: {"identity": name} for name in METHODS},
         {place: ["localization.delay=1"] for place in PLACES},
+        bench_version=VERSION,
     )
     folder.claim(dataclasses.replace(known, **identity))  # type: ignore[arg-type]
     family = folder.family
@@ -154,32 +157,37 @@ def test_a_folder_says_whose_episodes_it_holds(tmp_path: Path) -> None:
 
 
 def test_versions_and_families_do_not_mix(tmp_path: Path) -> None:
-    folder = filled(tmp_path / "own", bench_version=2)
+    folder = filled(tmp_path / "own", bench_version=NEXT)
     identity = Identity.read(folder.path / "benchmark.json")
     for other, words in (
-        ({"bench_version": 1}, "holds results of version 2 of the bench, which do not go into one"),
+        (
+            {"bench_version": VERSION},
+            f"holds results of version {NEXT} of the bench, which do not go into",
+        ),
         ({"family": "calibration"}, "was filled with episodes of bench, not of calibration"),
     ):
         with pytest.raises(UserError, match=words):
             folder.claim(dataclasses.replace(identity, **other))
-    second = load_benchmark().model_copy(update={"version": 2})
+    second = load_benchmark().model_copy(update={"version": NEXT})
     check_bench(second, folder)
-    with pytest.raises(UserError, match=r"version 2 of the bench, which do not .* version 1"):
+    with pytest.raises(
+        UserError, match=rf"version {NEXT} of the bench, which do not .* version {VERSION}"
+    ):
         check_bench(load_benchmark(), folder)
 
 
 def test_rows_have_version_and_hazard(tmp_path: Path) -> None:
-    folder = filled(tmp_path / "own", bench_version=2)
+    folder = filled(tmp_path / "own", bench_version=NEXT)
     rows = rows_of(folder)
     data = rows[0].to_dict()
     lost = sum(r.outcome == "lost" for r in rows[0].records.values())
     steps = sum(r.steps for r in rows[0].records.values())
-    assert data["bench_version"] == 2
+    assert data["bench_version"] == NEXT
     assert data["hazard"] == pytest.approx(1000 * lost / steps)
     low, high = data["intervals"]["hazard"]
     assert low < data["hazard"] < high
     inside = rows[0].within("hall")
-    assert inside.bench_version == 2 and {place for place, _ in inside.records} == {"hall"}
+    assert inside.bench_version == NEXT and {place for place, _ in inside.records} == {"hall"}
     table = benchmark_table(rows, "all")
     heads = [str(column.header) for column in table.columns]
     cells = [next(iter(column.cells)) for column in table.columns]
@@ -212,7 +220,7 @@ def shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to work in, and results that come with the program."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(handing, "SHIPPED", tmp_path / "docs/results")
-    pack(filled(tmp_path / "made"), tmp_path / "docs/results/v1", 9)
+    pack(filled(tmp_path / "made"), tmp_path / f"docs/results/v{VERSION}", 9)
     return tmp_path
 
 
@@ -228,7 +236,7 @@ def test_a_clean_clone_shows_what_comes_with_the_program(
     rows, said = table(capsys, "--table")
     assert [row["method"] for row in rows] == list(METHODS)
     wanted = {"ar", "cr", "lr", "sr", "hazard", "variance_sum", "bench_version"}
-    assert all(wanted <= set(row) and row["bench_version"] == 1 for row in rows)
+    assert all(wanted <= set(row) and row["bench_version"] == VERSION for row in rows)
     assert "holds no results yet; shown are those in" in said and said.count("\n") == 1
     # Results of one's own come first.
     filled(shipped / "results/benchmark", episodes=2)
@@ -265,15 +273,18 @@ def test_any_folder_is_shown_and_packed(shipped: Path, capsys: pytest.CaptureFix
         (["--from", "nowhere"], "nowhere: holds no results of lndrl benchmark"),
         (["--from", "made", "--name", "b"], "--from made and --name b name two folders"),
         (["--from", "made", "--pack", "p"], "made: has 9 of 500 episodes of dwa on hall"),
-        (["--from", "second"], "second holds results of version 2 of the bench"),
-        (["--from", "second", "--pack", "p"], "second holds results of version 2 of the bench"),
+        (["--from", "second"], f"second holds results of version {NEXT} of the bench"),
+        (
+            ["--from", "second", "--pack", "p"],
+            f"second holds results of version {NEXT} of the bench",
+        ),
         (["--from", "made", "--pack", "made/benchmark.json", "--episodes", "2"], "cannot be made"),
     ],
 )
 def test_bad_input_is_one_sentence(
     arguments: list[str], sentence: str, shipped: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    filled(shipped / "second", bench_version=2)
+    filled(shipped / "second", bench_version=NEXT)
     assert lndrl(["benchmark", *arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert sentence in error and len(error.splitlines()) == 1
