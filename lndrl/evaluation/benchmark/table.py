@@ -56,7 +56,7 @@ def _rate(rate: Rate) -> str:
 
 def _hazard(hazard: Hazard) -> str:
     low, high = hazard.interval
-    return f"{hazard.value:.2f}\n{low:.1f}-{high:.1f}"
+    return f"{hazard.value:.2f}\n{low:.2f}-{high:.2f}"
 
 
 def _spread(spread: Spread) -> str:
