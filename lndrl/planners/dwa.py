@@ -29,8 +29,12 @@ class DWAConfig(Model):
 
     linear_acceleration: Positive = Field(5.0, description="m/s², what the window allows")
     angular_acceleration: Positive = Field(5.0, description="rad/s², what the window allows")
-    linear_resolution: Positive = Field(0.2, description="m/s between two candidates, at most")
-    angular_resolution: Positive = Field(0.1, description="rad/s between two candidates, at most")
+    linear_resolution: Positive = Field(
+        0.2, ge=0.001, description="m/s between two candidates, at most"
+    )
+    angular_resolution: Positive = Field(
+        0.1, ge=0.001, description="rad/s between two candidates, at most"
+    )
     horizon: Positive = Field(1.6, description="s that a candidate is followed")
     goal_weight: NonNegative = Field(1.0, description="per metre from the arc's end to the goal")
     heading_weight: NonNegative = Field(

@@ -56,7 +56,7 @@ class Identity:
         try:
             found = cls(**json.loads(path.read_text("utf-8")))
             Family(found.family)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise UserError(f"{path.parent}: holds no results of lndrl benchmark") from None
         except (OSError, ValueError, TypeError) as error:
             raise UserError(f"{path}: cannot be read ({error})") from None
