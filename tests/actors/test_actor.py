@@ -236,10 +236,18 @@ def test_restarted_learner_gets_the_kept_chunk_and_the_next(joined, noting_learn
     assert actor.endpoint.pending() == 1
     second = noting_learner(learner.config, network.learner())
     second.publish(6)
-    for _ in range(3):
-        actor.run_chunk()
+
+    def collect(chunks: int) -> None:
+        """So many; in lock-step as many as there may be. A quick world is done before its
+        last chunk has been acknowledged, and must wait for that."""
+        for _ in range(chunks):
+            deadline = time.monotonic() + 5.0
+            while not actor.run_chunk() and mode == "async" and time.monotonic() < deadline:
+                time.sleep(0.001)
+
+    collect(3)
     second.publish(7)
-    actor.run_chunk()
+    collect(1)
     actor.endpoint.flush(5.0)
     assert told == ["joined", "joined again"]
     assert actor.rollout is worlds, "the episodes go on"
