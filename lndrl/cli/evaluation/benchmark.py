@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lndrl.cli.again import same_command
+from lndrl.cli.evaluation.driving import drive_plans
 from lndrl.cli.options import BenchName, TrustModules, names_in, trust
-from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.benchmark import BenchmarkSpec, Cell, Plan, ResultsFolder
-    from lndrl.navigation import EpisodeRecord
+    from lndrl.evaluation.benchmark import BenchmarkSpec, Plan, ResultsFolder
 
 RESULTS = Path("results")
 NAME = "benchmark"
@@ -111,7 +109,8 @@ def benchmark(
     plan = Plan(folder, found, places, count, bench.seed, bench.changes, version=bench.version)
     check_frozen(bench, plan.identity.scenarios)
     with folder.locked():
-        _run(plan, usable_cores() if workers is None else workers)
+        cores = usable_cores() if workers is None else workers
+        drive_plans([plan], "benchmark", plan.folder.path, cores)
         _summarize(plan)
     _show(bench, folder, [contender.name for contender in found], places, count, json)
 
@@ -152,28 +151,6 @@ def _pack(
     files = pack(folder, target, episodes, methods, scenarios)
     size = sum(file.stat().st_size for file in files)
     typer.echo(f"{target}: {len(files)} files of {episodes:,} episodes each, {size / 1e6:.2f} MB")
-
-
-def _run(plan: Plan, workers: int) -> None:
-    from lndrl.view.progress import progress_bar
-
-    left = plan.left()
-    ended = 0
-
-    def words() -> str:
-        return (
-            f"{ended} of {left} missing episodes have ended and are kept in {plan.folder.path}; "
-            f"go on with: {same_command()}"
-        )
-
-    with telling(words), progress_bar(left, "benchmark", "episodes") as advance:
-
-        def note(cell: Cell, record: EpisodeRecord) -> None:
-            nonlocal ended
-            ended += 1
-            advance(1, f"{cell.contender.name} on {cell.scenario}: {record.outcome}")
-
-        plan.run(workers, note)
 
 
 def _summarize(plan: Plan) -> None:

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.benchmark import RESULTS
+from lndrl.cli.evaluation.driving import drive_plans
 from lndrl.cli.options import TrustModules, trust
-from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Row
-    from lndrl.navigation import EpisodeRecord
+    from lndrl.evaluation.benchmark import CalibrationSpec, Row
 
 
 def calibrate(
@@ -103,7 +101,6 @@ def calibrate(
 def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, workers: int) -> None:
     from lndrl.evaluation.benchmark import Plan, ResultsFolder, load_benchmark
     from lndrl.navigation.families import Family
-    from lndrl.view.progress import progress_bar
 
     bench = load_benchmark()
     plans = [
@@ -118,24 +115,7 @@ def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, wo
         )
         for name in names
     ]
-    left = sum(plan.left() for plan in plans)
-    ended = 0
-
-    def words() -> str:
-        return (
-            f"{ended} of {left} missing episodes have ended and are kept in {place}; "
-            f"go on with: {same_command()}"
-        )
-
-    with telling(words), progress_bar(left, "calibrate", "episodes") as advance:
-        for name, plan in zip(names, plans, strict=True):
-
-            def note(cell: Cell, record: EpisodeRecord, name: str = name) -> None:
-                nonlocal ended
-                ended += 1
-                advance(1, f"{name} on {cell.scenario}: {record.outcome}")
-
-            plan.run(workers, note)
+    drive_plans(plans, "calibrate", place, workers)
 
 
 def _rows(

@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lndrl.cli.again import same_command
-from lndrl.cli.signals import telling
+from lndrl.cli.evaluation.driving import drive_plans
 from lndrl.errors import UserError
 
 FOUND = "search.json"
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.benchmark import CalibrationSpec, Cell, Plan
+    from lndrl.evaluation.benchmark import CalibrationSpec
     from lndrl.evaluation.benchmark.halving import Search
-    from lndrl.navigation import EpisodeRecord
 
 
 def search_worlds(
@@ -33,7 +31,7 @@ def search_worlds(
     search = Search(spec, load_benchmark(), place)
     if not table:
         with ResultsFolder(place).locked():
-            search.run(lambda words, plans: _drive(search, words, plans, workers))
+            search.run(lambda title, plans: drive_plans(plans, title, place, workers))
         _write(search)
     verdicts = search.verdicts()
     if not verdicts:
@@ -50,29 +48,6 @@ def search_worlds(
     print_tables(search_table(search.search, verdicts))
     for line in search_lines(search, verdicts):
         typer.echo(line)
-
-
-def _drive(search: Search, words: str, plans: list[Plan], workers: int) -> None:
-    from lndrl.evaluation.benchmark.run import run_plans
-    from lndrl.view.progress import progress_bar
-
-    left = sum(plan.left() for plan in plans)
-    ended = 0
-
-    def stopped() -> str:
-        return (
-            f"{words}: {ended} of {left} missing episodes have ended and are kept in {search.path};"
-            f" go on with: {same_command()}"
-        )
-
-    with telling(stopped), progress_bar(left, words, "episodes") as advance:
-
-        def note(cell: Cell, record: EpisodeRecord) -> None:
-            nonlocal ended
-            ended += 1
-            advance(1, f"{cell.contender.name} on {cell.scenario}: {record.outcome}")
-
-        run_plans(plans, workers, note)
 
 
 def _write(search: Search) -> None:

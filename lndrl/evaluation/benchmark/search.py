@@ -148,7 +148,7 @@ class Verdict:
     def hazard(self, method: str) -> Hazard | None:
         """Of getting lost; None where the method was not driven."""
         row = self.rows.get(method)
-        return None if row is None else Hazard.of(list(row.records.values()))
+        return None if row is None else row.hazard
 
     def ratio(self, method: str) -> tuple[float | None, tuple[float, float]]:
         """The method's hazard over DWA's, with its 95 % interval."""
