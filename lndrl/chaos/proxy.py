@@ -144,9 +144,10 @@ class Proxy:
                     return
                 await asyncio.sleep(max(0.0, due - self._loop.time()))
                 await self._flowing.wait()
+                # Counted first: whoever has received a byte finds it in the count.
+                self.forwarded += len(data)
                 writer.write(data)
                 await writer.drain()
-                self.forwarded += len(data)
         except OSError:
             return
         finally:
