@@ -5,6 +5,7 @@ Every number of the paper stands here once, as a default with its source, or in 
 """
 
 from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
+from lndrl.config.imitation import ImitationConfig
 from lndrl.config.learning import (
     MOST_ACTORS,
     MOST_WORLDS_PER_ACTOR,
@@ -35,6 +36,7 @@ __all__ = [
     "SOURCES",
     "ActorConfig",
     "CrowdConfig",
+    "ImitationConfig",
     "Key",
     "Kind",
     "LaserConfig",
