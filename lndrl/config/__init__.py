@@ -4,8 +4,8 @@ Every number of the paper stands here once, as a default with its source, or in 
 ``keys.SOURCES`` says what its sources are called.
 """
 
-from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
 from lndrl.config.imitation import ImitationConfig
+from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
 from lndrl.config.learning import (
     MOST_ACTORS,
     MOST_WORLDS_PER_ACTOR,
