@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from actors.rollout import Rollout
 from actors.teaching import Teacher
@@ -12,7 +13,7 @@ from lndrl.errors import UserError
 from lndrl.navigation import Trajectory, VectorNavigation, action_table
 from lndrl.navigation.families import first_world_of_actor
 from lndrl.navigation.trajectory import MOST_COST
-from lndrl.planners import planner_source
+from lndrl.planners import PredictivePlanner, planner_source
 from lndrl.policy import Guidance, build_policy, initial_weights, to_bytes
 
 
@@ -32,13 +33,25 @@ def rollout(small_config):
     return build
 
 
+def collected(actor: Rollout, number: int = 0) -> Trajectory:
+    chunk = actor.collect(number)
+    assert chunk is not None
+    return chunk.trajectory
+
+
+def labels_of(trajectory: Trajectory) -> NDArray[np.float16]:
+    assert trajectory.teacher is not None
+    return trajectory.teacher
+
+
 @pytest.mark.parametrize("name", ["predictive", "careful"])
 def test_labels_are_the_planners_costs_in_the_states_met(rollout, name: str) -> None:
     """Also those that depend on what the robot was told, and across the ends of episodes."""
     actor = rollout(name, labels=True)
-    chunks = [actor.collect(i).trajectory for i in range(6)]
+    chunks = [collected(actor, i) for i in range(6)]
     config = actor.config
     planner = planner_source(name).build(config)
+    assert isinstance(planner, PredictivePlanner)
     planner.reset(0, range(2))
     actions, ended = action_table(config.task), 0
     replay = VectorNavigation(config, first_world_of_actor(2), 2)
@@ -46,7 +59,7 @@ def test_labels_are_the_planners_costs_in_the_states_met(rollout, name: str) -> 
         for t in range(8):
             costs = planner.costs(replay.observation, np.arange(2))
             above = np.minimum(costs - costs.min(axis=1, keepdims=True), MOST_COST)
-            np.testing.assert_array_equal(chunk.teacher[t], above.astype(np.float16))
+            np.testing.assert_array_equal(labels_of(chunk)[t], above.astype(np.float16))
             result = replay.step(chunk.action[t])
             if name == "careful":
                 planner.told(actions[chunk.action[t]], np.arange(2))
@@ -72,8 +85,8 @@ def test_a_command_that_was_told_changes_what_careful_says(small_config) -> None
 
 def test_without_guidance_nothing_is_labelled_or_driven(rollout) -> None:
     actor = rollout()
-    trajectory = actor.collect(0).trajectory
-    assert trajectory.teacher.shape == (0, 2, 28)
+    trajectory = collected(actor)
+    assert labels_of(trajectory).shape == (0, 2, 28)
     plain = Rollout(
         actor.config.model_copy(
             update={"ppo": actor.config.ppo.model_copy(update={"teacher": None})}
@@ -81,22 +94,22 @@ def test_without_guidance_nothing_is_labelled_or_driven(rollout) -> None:
         2,
     )
     plain.load(0, weights(plain.config))
-    same = plain.collect(0).trajectory
+    same = collected(plain)
     np.testing.assert_array_equal(trajectory.action, same.action)
     assert same.teacher is None and "teacher" not in same.to_arrays()
 
 
 def test_labelling_does_not_change_what_the_policy_does(rollout) -> None:
-    one, two = (rollout(labels=labels).collect(0).trajectory for labels in (False, True))
+    one, two = (collected(rollout(labels=labels)) for labels in (False, True))
     np.testing.assert_array_equal(one.action, two.action)
     np.testing.assert_array_equal(one.log_prob, two.log_prob)
 
 
 def test_a_world_that_the_teacher_drives_takes_its_cheapest_action(rollout) -> None:
     actor = rollout(labels=True, drives=1.0)
-    trajectory = actor.collect(0).trajectory
+    trajectory = collected(actor)
     cheapest = np.take_along_axis(
-        trajectory.teacher, trajectory.action[..., None].astype(np.int64), axis=2
+        labels_of(trajectory), trajectory.action[..., None].astype(np.int64), axis=2
     )
     assert (cheapest == 0.0).all()
     # What is uploaded beside it is what the policy says of that action.
@@ -105,7 +118,8 @@ def test_a_world_that_the_teacher_drives_takes_its_cheapest_action(rollout) -> N
     expected = np.take_along_axis(said, trajectory.action[0][:, None].astype(np.int64), 1)[:, 0]
     np.testing.assert_allclose(trajectory.log_prob[0], expected, rtol=1e-5)
     arrays = trajectory.to_arrays()
-    assert (Trajectory.from_arrays(arrays, actor.config).teacher == trajectory.teacher).all()
+    read = labels_of(Trajectory.from_arrays(arrays, actor.config))
+    np.testing.assert_array_equal(read, labels_of(trajectory))
 
 
 def test_the_share_that_is_driven(small_config) -> None:
@@ -128,7 +142,7 @@ def test_a_goal_that_is_no_number_leaves_all_actions_alike(small_config) -> None
 
 def test_settings_that_the_teacher_does_not_have(small_config) -> None:
     config = small_config(ppo={"teacher": "predictive"}, imitation={"settings": {"speed": 3}})
-    with pytest.raises(UserError, match="imitation.settings of the teacher predictive.*speed"):
+    with pytest.raises(UserError, match=r"imitation\.settings of the teacher predictive.*speed"):
         Teacher(config, 1)
 
 

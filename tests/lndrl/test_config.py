@@ -386,5 +386,5 @@ def test_a_teacher_that_the_task_cannot_serve() -> None:
     load_config("lndrl", ["ppo.teacher=predictive", "localization.kind=perfect"])
     with pytest.raises(UserError, match=r"ppo\.teacher.*'predictive' or 'careful'"):
         load_config("lndrl", ["ppo.teacher=dwa"])
-    with pytest.raises(UserError, match="drive_steps 50,000 must not exceed imitation.steps"):
+    with pytest.raises(UserError, match=r"drive_steps 50,000 must not exceed imitation\.steps"):
         load_config("lndrl", ["imitation.drive_steps=50000"])

@@ -45,7 +45,7 @@ def test_phases_follow_one_another(steps, phase, temperature, kl, drives, until)
     assert (stage.phase, stage.until) == (phase, until)
     assert stage.temperature == pytest.approx(temperature)
     assert (stage.kl, stage.drives) == pytest.approx((kl, drives))
-    assert stage.guidance == Guidance(phase != REINFORCEMENT, pytest.approx(drives))
+    assert stage.guidance == Guidance(phase != REINFORCEMENT, stage.drives)
 
 
 def test_phases_can_be_left_out() -> None:

@@ -202,7 +202,7 @@ def test_several_scans_are_part_of_the_schema() -> None:
 TAUGHT = CONFIG.model_copy(update={"ppo": CONFIG.ppo.model_copy(update={"teacher": "predictive"})})
 
 
-def labelled(labels: int, **changes: object) -> dict[str, np.ndarray]:
+def labelled(labels: int, **changes: np.ndarray) -> dict[str, np.ndarray]:
     """Arrays of 3 steps of 2 worlds with so many labelled steps."""
     costs = np.random.default_rng(1).uniform(0, 9, (labels, 2, 28)).astype(np.float16)
     made = random_trajectory(1, 3, 2)
