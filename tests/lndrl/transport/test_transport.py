@@ -67,7 +67,7 @@ class Setup:
     def __init__(self, kind: str) -> None:
         self.kind = kind
         self.config = TransportConfig(
-            endpoint=free_endpoint(), upload_timeout=20.0, upload_window=2, lease=2.0
+            endpoint=free_endpoint(), upload_timeout=20.0, upload_window=2, lease=10.0
         )
         self.network = MemoryNetwork(self.config)
         self.open: list = []

@@ -65,7 +65,7 @@ def opened() -> Iterator[Opened]:
 
 
 def settings(**changes: Any) -> TransportConfig:
-    values = {"endpoint": free_endpoint(), "upload_timeout": 20.0, "lease": 2.0, **changes}
+    values = {"endpoint": free_endpoint(), "upload_timeout": 20.0, "lease": 10.0, **changes}
     return TransportConfig(**values)
 
 

@@ -71,7 +71,7 @@ def opened():
 
 
 def settings(**changes) -> TransportConfig:
-    values = {"endpoint": free_endpoint(), "upload_timeout": 20.0, "lease": 2.0, **changes}
+    values = {"endpoint": free_endpoint(), "upload_timeout": 20.0, "lease": 10.0, **changes}
     return TransportConfig(**values)
 
 
