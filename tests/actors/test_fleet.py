@@ -16,7 +16,7 @@ from actors.fleet import Fleet, run_fleet
 from lndrl.transport import Hello, Security, free_endpoint, open_learner
 from tests.lndrl.transport.security.authority import make_certificates
 
-PATIENCE = 90.0  # s, for machines with much else to do
+PATIENCE = 600.0  # s, for machines with much else to do
 
 
 def wait_for(condition: Callable[[], object], what: str) -> None:

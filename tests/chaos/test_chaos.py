@@ -19,7 +19,7 @@ from lndrl.chaos.stage import descendants, lives
 from lndrl.cli.main import run
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 300.0
+PATIENCE = 900.0
 KINDS = {"actor_kill", "actor_freeze", "learner_kill", "proxy_cut", "proxy_stall", "proxy_delay"}
 
 
