@@ -140,6 +140,7 @@ def test_lag_is_measured_in_versions(start) -> None:
 
 
 def test_a_run_that_waits_for_kernels_says_so(start, monkeypatch) -> None:
+    monkeypatch.setattr("learner.status._SETTLING", 600.0)
     run = start()
     hello = Hello("a-0", "x", "h", 1, 2, VERSION)
     run.learner.ingest.on_hello(hello)
@@ -166,7 +167,8 @@ def test_a_run_that_waits_for_kernels_says_so(start, monkeypatch) -> None:
     assert said.startswith("compiling: 3 of 9 kernels are ready in the learner")
 
 
-def test_the_snapshot_fits_its_schema(start) -> None:
+def test_the_snapshot_fits_its_schema(start, monkeypatch) -> None:
+    monkeypatch.setattr("learner.status._SETTLING", 600.0)
     run = start()
     parse_status(snapshot(run.learner))
     run.update()
@@ -177,7 +179,7 @@ def test_the_snapshot_fits_its_schema(start) -> None:
     assert status.overhead_learner is not None
     assert status.overhead_actor == 0.0 and 0.0 < status.overhead_learner < 1.0
     assert status.verdict == "learning", "too early to say more"
-    run.learner.first_update -= 100.0
+    run.learner.first_update -= 1000.0
     assert parse_status(snapshot(run.learner)).verdict == "balanced"
     assert len(parse_history(run.learner.history)) == 1
     json.dumps(snapshot(run.learner))
