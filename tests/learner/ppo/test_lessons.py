@@ -73,6 +73,7 @@ def test_every_other_state_is_mirrored() -> None:
     images = mirrored_actions(config)
     assert images is not None
     lessons, batch = Lessons(config), labelled(1, 10)
+    assert batch.teacher is not None
     lessons.add(batch)
     drawn = lessons.draw(20, np.random.default_rng(1))
     assert drawn.teacher is not None

@@ -168,3 +168,17 @@ def test_it_is_found_by_name(config: RunConfig) -> None:
     planner = planner_source("careful", {"rate_weight": 3.0}).build(config)
     assert isinstance(planner, CarefulPlanner)
     assert planner.parameters == CarefulConfig(rate_weight=3.0)
+
+
+def test_what_forgets_its_commands_goes_by_what_it_sees(config: RunConfig) -> None:
+    """What it was told to do before changes nothing, however late the pose is heard."""
+    around = seen((4.0, 3.0))
+    costs = {}
+    for hears in (True, False):
+        planner = fresh(late(config, 2), CarefulConfig(hears_commands=hears))
+        at_rest = planner.costs(around, ROWS)
+        planner.told(np.array([[0.6, 0.9]]), ROWS)
+        costs[hears] = np.abs(planner.costs(around, ROWS) - at_rest).max()
+        planner.begin(ROWS)
+        np.testing.assert_array_equal(planner.costs(around, ROWS), at_rest)
+    assert costs[False] == 0.0 < costs[True]
