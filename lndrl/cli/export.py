@@ -55,6 +55,21 @@ def _check(out: Path) -> None:
         raise UserError(f"--out {out}: must end in .onnx")
     if not out.parent.is_dir():
         raise UserError(f"--out {out}: there is no folder {out.parent}")
+    beside = out.with_suffix(".json")
+    if beside.exists() and not _is_contract(beside):
+        raise UserError(
+            f"--out {out}: its contract would replace {beside}, which is something else; name "
+            "another file"
+        )
+
+
+def _is_contract(path: Path) -> bool:
+    """Whether an earlier export has written ``path``."""
+    try:
+        found = json_format.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and "contract" in found and "actions" in found
 
 
 def _figures(out: Path, exported: Exported) -> dict[str, object]:

@@ -94,16 +94,15 @@ def _name_rows(model: onnx.ModelProto) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without torch's notes on packages that nobody needs here."""
-    exporters = logging.getLogger("torch.onnx")
-    before = exporters.level
-    exporters.setLevel(logging.ERROR)
+    """Without torch's notes on packages that nobody needs here, and on what it then refuses."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
-        exporters.setLevel(before)
+        logging.disable(before)
 
 
 def whose_parts(config: RunConfig) -> list[str]:
@@ -142,6 +141,6 @@ def _words(error: BaseException) -> str:
     said = (lines[0] if lines else "")[:_LONGEST].rstrip(". ")
     place = f" ({places[-1]})" if places else ""
     return (
-        f"{type(error).__name__}: {said}{place}; a graph is made of tensor operations alone, "
-        "without numpy and without branches on values"
+        f"{type(error).__name__}: {said}{place}; a graph is made of tensor operations alone: "
+        "no numpy, no branches on values, x.shape[0] instead of len(x)"
     )
