@@ -59,7 +59,9 @@ def to_onnx(config: RunConfig, network: Network, where: str) -> onnx.ModelProto:
                 program, dynamo=True, opset_version=OPSET, output_names=[OUTPUT], verbose=False
             )
         except Exception as error:
-            raise UserError(f"{where}: {_whose(config)} cannot be exported: {_words(error)}") from error
+            raise UserError(
+                f"{where}: {_whose(config)} cannot be exported: {_words(error)}"
+            ) from error
     assert converted is not None
     model = converted.model_proto
     _anonymize(model)
