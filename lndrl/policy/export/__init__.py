@@ -1,4 +1,4 @@
-"""A policy leaves the house: an ONNX file, its contract, and the proof that it computes the same."""
+"""A policy leaves the house: an ONNX file, its contract, and proof that it computes the same."""
 
 from lndrl.policy.export.check import (
     RoundTrip,

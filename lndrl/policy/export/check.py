@@ -96,7 +96,7 @@ def feeds_for(observation: Observation, config: RunConfig) -> Feeds:
 def round_trip(
     session: onnxruntime.InferenceSession, runner: PolicyRunner, met: Observation
 ) -> RoundTrip:
-    """Compare the answers of ``session`` and ``runner`` to ``met`` (N,), in batches of all sizes."""
+    """Compare the answers of ``session`` and ``runner`` to ``met`` (N,), batch by batch."""
     difference, answers = 0.0, []
     for part in _pieces(met):
         (exported,) = session.run([OUTPUT], feeds_for(part, runner.config))

@@ -56,6 +56,8 @@ def contract_for(config: RunConfig, weights: bytes, opset: int) -> dict[str, Any
 
 def _policy(config: RunConfig, weights: bytes) -> dict[str, Any]:
     """Which weights these are; version and steps are None where the file does not say them."""
+    version: int | None
+    steps: int | None
     try:
         said = said_inside(weights)
         version, steps = int(said["lndrl.version"]), int(said["lndrl.steps"])
@@ -81,7 +83,7 @@ def _scan(config: RunConfig) -> dict[str, Any]:
         "bearing_increment": laser.field_of_view / laser.beams,
         "last_bearing": (0.5 - 1.0 / laser.beams) * laser.field_of_view,
         "range_max": laser.range_max,
-        "no_echo": "NaN, infinity and whatever is beyond range_max read as range_max, below 0 as 0; "
+        "no_echo": "NaN, infinity and all beyond range_max read as range_max, below 0 as 0; "
         "a driver that says 0 for no echo must say infinity",
         "scans": frames,
     }

@@ -22,7 +22,7 @@ ROOM = {
 SMALL = {"map_channels": [8, 8, 8], "features": 32, "goal_features": 8}
 
 
-def made_config(task: dict[str, Any] | None = None, **network: Any) -> RunConfig:
+def made_config(task: Any = None, **network: Any) -> RunConfig:
     return RunConfig.model_validate(
         {
             "scenario": ROOM,

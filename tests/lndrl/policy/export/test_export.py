@@ -28,6 +28,7 @@ from lndrl.policy.export import (
     round_trip,
     to_onnx,
 )
+from tests.lndrl.policy.built_in import built_in
 from tests.lndrl.policy.export.rooms import made_config, weights_of
 
 Write = Callable[..., str]
@@ -179,9 +180,9 @@ def test_first_weights_pass_too() -> None:
 def test_an_answer_that_is_no_number_is_noticed() -> None:
     config = made_config()
     runner = runner_of(config, weights_of(config))
-    broken = build_policy(config)
+    broken = built_in(build_policy(config))
     with torch.no_grad():
-        broken.head.bias.fill_(float("nan"))  # type: ignore[union-attr]
+        broken.head.bias.fill_(float("nan"))
     session = open_session(to_onnx(config, broken, "here").SerializeToString())
     assert not round_trip(session, runner, observations_met(runner, 3, seed=1)).holds
 
