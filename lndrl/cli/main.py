@@ -40,6 +40,7 @@ SUMMARIES = {
     "localization": "Measure the filter on recorded drives: errors, lost rate, recovery.",
     "lost": "Say why a planner or policy gets lost: how, when and where.",
     "play": "Draw an episode of a policy as a picture or an animation.",
+    "export": "Write a policy as an ONNX file that runs without lndrl, and its contract.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
     "config": "Show, compare and explain configurations.",

@@ -87,11 +87,20 @@ def _sentence(where: str, difference: tuple[str, str], whose: str) -> str:
     return f"{where}: trained with {difference[0]}; {whose} has {difference[1]}"
 
 
+def said_inside(blob: bytes) -> dict[str, str]:
+    """The metadata in the head of a safetensors blob: its length in 8 bytes, then JSON.
+
+    Raises ValueError, KeyError or TypeError where there is none.
+    """
+    head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
+    said: dict[str, str] = head["__metadata__"]
+    return said
+
+
 def _config_inside(blob: bytes) -> RunConfig | None:
-    """The configuration in the head of a safetensors blob: its length in 8 bytes, then JSON."""
+    """The configuration in the head of a safetensors blob."""
     try:
-        head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
-        return parse_config(json.loads(head["__metadata__"][CONFIG_KEY]), "weights")
+        return parse_config(json.loads(said_inside(blob)[CONFIG_KEY]), "weights")
     except (ValueError, KeyError, TypeError, RecursionError, UserError):
         return None
 

@@ -39,7 +39,7 @@ class OwnNetwork(nn.Module):
         """Head outputs float32 (N, outputs) before any softmax."""
         with calling(NETWORK, self._name):
             answer = self.network(inputs)
-        _check_shape(NETWORK, self._name, answer, (len(inputs.goal), self.outputs))
+        _check_shape(NETWORK, self._name, answer, (inputs.goal.shape[0], self.outputs))
         return answer.float()
 
     def freeze(self) -> None:
@@ -80,7 +80,7 @@ class OwnEncoder(nn.Module):
         """(N, features)."""
         with calling(ENCODER, self._name):
             answer = self.encoder(values)
-        _check_shape(ENCODER, self._name, answer, (len(values), self.features))
+        _check_shape(ENCODER, self._name, answer, (values.shape[0], self.features))
         return answer
 
 
