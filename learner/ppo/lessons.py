@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from learner.ppo.batch import Batch
+from learner.ppo.mirror import mirror, mirrored_actions
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
-from lndrl.navigation.mirror import mirror, mirrored_actions
 
 
 class Lessons:

@@ -9,7 +9,7 @@ import numpy as np
 
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.lessons import Lessons
-from lndrl.navigation.mirror import mirrored_actions
+from learner.ppo.mirror import mirrored_actions
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 CONFIG = small_config(ppo={"teacher": "predictive"}, imitation={"memory": 40, "mirror": False})

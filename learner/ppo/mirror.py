@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
-from lndrl.navigation.actions import action_table
-from lndrl.navigation.observation import Observation
+from lndrl.navigation import Observation, action_table
 
 _SAME = 1e-9
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from learner.ppo.mirror import mirror, mirrored_actions
 from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.navigation import Observation, VectorNavigation, action_table
-from lndrl.navigation.mirror import mirror, mirrored_actions
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
 from lndrl.planners import PredictivePlanner
 
