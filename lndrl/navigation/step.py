@@ -57,7 +57,8 @@ class Task(NamedTuple):
     scan_scale: float  # counts per metre
     map_extent: float  # m
     variance_limit: float
-    limits: tuple[float, float, float]  # lost distance (m), lost angle (rad), arrival (m)
+    # lost distance (m), lost angle (rad), arrival (m), pose error that counts at most
+    limits: tuple[float, float, float, float]
     weights: Floats  # (6,) of the reward's parts
     judges_report: bool  # against the truth that it describes, not the present one
 

@@ -1,7 +1,7 @@
 """Reward terms of a user's own: what they see of a control step, and how they are paid.
 
 They run in Python beside the compiled parts, once per control step for all worlds of one memory,
-and change training alone: evaluation leaves them out (``without_terms``).
+and change training alone: evaluation leaves them out (``as_tested``).
 """
 
 from __future__ import annotations
@@ -139,11 +139,12 @@ def own_terms(config: RunConfig, worlds: int) -> OwnTerms | None:
     return OwnTerms(config, worlds) if config.task.reward.terms else None
 
 
-def without_terms(config: RunConfig) -> RunConfig:
-    """``config`` as it is tested: paid by the compiled parts alone."""
-    if not config.task.reward.terms:
+def as_tested(config: RunConfig) -> RunConfig:
+    """``config`` as it is tested: paid by the compiled parts alone, without a limit."""
+    reward = config.task.reward
+    if not reward.terms and reward.pose_limit is None:
         return config
-    reward = config.task.reward.model_copy(update={"terms": {}})
+    reward = reward.model_copy(update={"terms": {}, "pose_limit": None})
     task = config.task.model_copy(update={"reward": reward})
     return config.model_copy(update={"task": task})
 

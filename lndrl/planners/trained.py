@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation.observation import SCAN_COUNTS
-from lndrl.navigation.terms import without_terms
+from lndrl.navigation.terms import as_tested
 from lndrl.policy.inputs import Inputs, pooling_factor, supports_sparse
 from lndrl.policy.networks import build_policy
 from lndrl.policy.structure import MapStructure, drawn_structure
@@ -32,7 +32,7 @@ class TrainedPolicy:
 
     def __init__(self, config: RunConfig, weights: bytes, seed: int | None = None) -> None:
         """Raises UserError when ``weights`` do not fit the network of ``config``."""
-        self.config = without_terms(config)
+        self.config = as_tested(config)
         self._network = build_policy(config).requires_grad_(False).eval()
         load_into(self._network, weights, config=config)
         self._sparse = supports_sparse(config)

@@ -199,6 +199,10 @@ def test_the_hash_is_of_the_values(config_file: Path, tmp_path: Path) -> None:
     assert len(config.content_hash()) == 12
 
 
+def test_the_published_configuration_is_the_published_one_whatever_keys_came_later() -> None:
+    assert load_config("paper").content_hash() == "ff1826ee80e6"
+
+
 def test_defaults_are_the_published_ones(config_file: Path) -> None:
     config = load_config(config_file)
     assert len(config.task.linear_velocities) * len(config.task.angular_velocities) == 28
