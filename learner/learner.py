@@ -270,7 +270,7 @@ class Learner:
         if self.counters.updates:
             self.counters.version = self.counters.updates
         self.ingest.weights_version = self.counters.version
-        self.endpoint.publish_weights(self.counters.version, to_bytes(self.ppo.policy))
+        self.endpoint.publish_weights(self.counters.version, to_bytes(self.ppo.acting))
 
     def _record(self, chunks: list[Chunk], seconds: float) -> None:
         for chunk in chunks:

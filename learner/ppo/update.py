@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from learner.ppo.average import Average
 from learner.ppo.batch import Batch, batch_advantages
 from learner.ppo.losses import explained_variance, policy_loss, value_loss
 from learner.ppo.safeguard import Safeguard
@@ -50,6 +51,7 @@ class PPO:
 
     Attributes:
         policy, value: the two networks.
+        average: the policy's averaged weights; None where ``learner.average`` is 0.
         policy_optimizer, value_optimizer: Adam, one each.
         rng: order of the minibatches; part of a checkpoint.
         device, precision: where the networks are, and the dtype of their products.
@@ -65,6 +67,8 @@ class PPO:
         torch.manual_seed(config.seed)
         self.policy = self._placed(build_policy(config))
         self.value = self._placed(build_value(config))
+        decay = config.learner.average
+        self.average = Average(self.policy, decay) if decay else None
         self._actor = self._trainee(
             self.policy, config.ppo.actor_learning_rate, self._policy_loss, _POLICY_FIGURES
         )
@@ -109,7 +113,21 @@ class PPO:
             self._safeguard.restore()
             self.rng.bit_generator.state = order
             raise
+        if self.average is not None:
+            self.average.add(self.policy)
         return figures
+
+    @property
+    def acting(self) -> Network:
+        """The policy that actors act on."""
+        if self.average is not None and self.config.learner.acting == "average":
+            return self.average.network
+        return self.policy
+
+    @property
+    def tested(self) -> Network:
+        """The policy that a checkpoint offers to whoever tests it."""
+        return self.policy if self.average is None else self.average.network
 
     def is_finite(self) -> bool:
         """Whether all weights and moments are numbers."""

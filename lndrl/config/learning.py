@@ -153,6 +153,14 @@ class LearnerConfig(Model):
         None,
         description="folder of a run whose newest networks and optimizers this one begins with",
     )
+    average: Annotated[float, Field(ge=0, lt=1), LATER] = Field(
+        0.0,
+        description="decay per update of the policy's averaged weights, which are then what a "
+        "checkpoint's policy file holds and what is tested, e.g. 0.95; 0: no average",
+    )
+    acting: Annotated[Literal["current", "average"], LATER] = Field(
+        "current", description="weights that actors act on; average needs learner.average above 0"
+    )
     checkpoint_interval: Count = Field(20, description="updates between checkpoints")
     keep_checkpoints: Count = Field(3, description="newest checkpoints that are kept")
     queue_chunks: Count = Field(64, description="uploads waiting at most")
@@ -164,6 +172,12 @@ class LearnerConfig(Model):
         if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", device):
             raise ValueError(f"{device} is not a device; write cpu, cuda, cuda:0 or auto")
         return device
+
+    @model_validator(mode="after")
+    def _an_average_to_act_on(self) -> LearnerConfig:
+        if self.acting == "average" and not self.average:
+            raise ValueError("acting: average needs average above 0, e.g. average: 0.95")
+        return self
 
 
 def _auto_or_up_to(most: int) -> BeforeValidator:

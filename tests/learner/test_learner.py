@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from safetensors.torch import load as load_tensors
 
 from learner.learner import Learner
 from learner.status import snapshot
@@ -280,3 +281,14 @@ def test_a_run_that_starts_from_another_counts_its_own_steps(start, tmp_path: Pa
             MemoryNetwork().learner(),
         )
     assert not (tmp_path / "third").exists()
+
+
+def test_actors_get_the_average_where_they_shall_act_on_it(start) -> None:
+    run = start(learner={"average": 0.9, "acting": "average"})
+    run.update(3)
+    version, blob = run.actor.fetch(None, 5.0)
+    assert version == 3
+    sent, ppo = load_tensors(blob), run.learner.ppo
+    for name, weights in ppo.average.network.state_dict().items():
+        assert bool((sent[name] == weights).all())
+        assert not bool((sent[name] == ppo.policy.state_dict()[name]).all())

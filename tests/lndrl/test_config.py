@@ -213,6 +213,7 @@ def test_defaults_are_the_published_ones(config_file: Path) -> None:
         "collide": -800.0,
         "lost": -500.0,
         "step": -5.0,
+        "pose_limit": None,
         "terms": {},
     }
     assert config.world.tick * config.world.ticks_per_step == pytest.approx(0.4)
