@@ -22,6 +22,7 @@ from learner.ppo.batch import Batch, batch_advantages
 from learner.ppo.losses import explained_variance, policy_loss, value_loss
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
+from learner.ppo.schedules import entropy_weight
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.machine.cores import usable_cores
@@ -81,6 +82,10 @@ class PPO:
         self.samples: Samples = (
             DeviceSamples(config, self.device) if self._on_device else Samples(config)
         )
+        # Recorded CUDA graphs read what changes from memory, as they do Adam's rate.
+        self._entropy: float | Tensor = config.ppo.entropy
+        if self._on_device and config.ppo.entropy_final is not None:
+            self._entropy = torch.tensor(config.ppo.entropy, device=self.device)
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or usable_cores()
         self.threads = max(1, cores // 2)
@@ -138,6 +143,7 @@ class PPO:
         scale = 1.0 - progress if ppo.learning_rate_schedule == "linear" else 1.0
         self.policy_optimizer.rate = scale * ppo.actor_learning_rate
         self.value_optimizer.rate = scale * ppo.critic_learning_rate
+        self._set_entropy(entropy_weight(ppo, progress))
         self._load(batch)
         proximal, value, final_value = self._forward(batch)
         advantage, target = batch_advantages(batch, value, final_value, ppo)
@@ -147,6 +153,8 @@ class PPO:
         figures = self._train(len(batch), proximal, advantage, target)
         figures["explained_variance"] = variance
         figures["learning_rate"] = scale * ppo.actor_learning_rate
+        if ppo.entropy_final is not None:
+            figures["entropy_weight"] = entropy_weight(ppo, progress)
         return figures
 
     def train(
@@ -268,7 +276,7 @@ class PPO:
             samples.advantage.index_select(0, rows),
             ppo.clip,
             ppo.dual_clip,
-            ppo.entropy,
+            self._entropy,
             ppo.max_importance,
         )
         figures = (loss.policy, loss.entropy, loss.kl, loss.clip_fraction, loss.importance_max)
@@ -295,6 +303,12 @@ class PPO:
         stream = torch.cuda.Stream(self.device) if alone else None
         graphs = self.config.learner.cuda_graphs
         return Trainee(network, rate, loss, names, self.config.ppo, self.precision, stream, graphs)
+
+    def _set_entropy(self, weight: float) -> None:
+        if isinstance(self._entropy, Tensor):
+            self._entropy.fill_(weight)
+        else:
+            self._entropy = weight
 
     def _limit_threads(self) -> None:
         # torch's thread count belongs to the calling thread.

@@ -106,6 +106,9 @@ class PPOConfig(Model):
         256, description="samples per gradient step; null: the whole batch (GROUP)"
     )
     entropy: NonNegative = Field(0.01, description="weight of the policy's entropy (GROUP 0)")
+    entropy_final: Annotated[NonNegative | None, LATER] = Field(
+        None, description="entropy's weight after learner.total_steps, on a line; null: it stays"
+    )
     value_loss: Positive = Field(
         0.5, description="weight of the value's mean squared error (GROUP)"
     )
