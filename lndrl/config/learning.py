@@ -102,6 +102,11 @@ class PPOConfig(Model):
     )
     epochs: Count = Field(4, description="passes over a batch (GROUP 10)")
     batch_size: Count = Field(1024, description="samples per update, at least (GROUP)")
+    batch_size_final: Annotated[Count | None, LATER] = Field(
+        None,
+        description="samples per update in the end: batch_size doubles up to it at equal distances "
+        "in learner.total_steps, the minibatch stays; null: batches do not grow",
+    )
     minibatch_size: Count | None = Field(
         256, description="samples per gradient step; null: the whole batch (GROUP)"
     )
@@ -131,6 +136,15 @@ class PPOConfig(Model):
         10.0, description="most that an older policy's sample is weighted"
     )
     adam_eps: Positive = Field(1e-5, description="Adam's epsilon in the denominator (GROUP 1e-8)")
+
+    @model_validator(mode="after")
+    def _batches_grow(self) -> PPOConfig:
+        if self.batch_size_final is not None and self.batch_size_final < self.batch_size:
+            raise ValueError(
+                f"batch_size_final {self.batch_size_final} must be batch_size {self.batch_size} or "
+                "more; batches grow"
+            )
+        return self
 
 
 class LearnerConfig(Model):

@@ -86,6 +86,15 @@ class RunConfig(Model):
             )
         return self
 
+    @model_validator(mode="after")
+    def _a_round_does_not_grow(self) -> RunConfig:
+        if self.learner.mode == "lockstep" and self.ppo.batch_size_final is not None:
+            raise ValueError(
+                "ppo.batch_size_final needs learner.mode: async; in lockstep a batch is a round, "
+                "one chunk of every actor, and does not grow"
+            )
+        return self
+
     @property
     def steps_limit(self) -> int:
         """Control steps until an episode is truncated (parameters §4.6), at least 1."""
@@ -107,8 +116,9 @@ class RunConfig(Model):
         Where ``actor.worlds`` is auto: at most half a batch per chunk, so that a batch is cut
         where it should; at most half of ``learner.max_lag`` batches in the chunks of all actors,
         because a chunk is about that many updates old when it has been collected; and not more
-        than MOST_WORLDS. Depends on ``actors`` but on nothing else of the machine, and in
-        lock-step not even on that.
+        than MOST_WORLDS. Where batches grow (``ppo.batch_size_final``), the first ones decide:
+        later ones are made of more chunks, which are fewer updates old. Depends on ``actors`` but
+        on nothing else of the machine, and in lock-step not even on that.
         """
         if self.actor.worlds != "auto":
             return self.actor.worlds

@@ -7,9 +7,10 @@ import torch
 
 from learner.ppo.batch import assemble
 from learner.ppo.graphs import GraphedStep
-from learner.ppo.schedules import entropy_weight
+from learner.ppo.schedules import batch_size, entropy_weight
 from learner.ppo.update import PPO
 from lndrl.config import PPOConfig
+from lndrl.errors import UserError
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 
@@ -19,6 +20,23 @@ def test_entropy_goes_on_a_line_and_stays_where_no_end_is_named() -> None:
     assert weights == pytest.approx([0.01, 0.008, 0.002])
     assert entropy_weight(PPOConfig(entropy=0.01, entropy_final=0.0), 1.0) == 0.0
     assert {entropy_weight(PPOConfig(entropy=0.01), p) for p in (0.0, 0.5, 1.0)} == {0.01}
+
+
+def test_batches_double_at_equal_distances() -> None:
+    ppo = PPOConfig(batch_size=2048, batch_size_final=16_384)
+    sizes = [batch_size(ppo, progress) for progress in (0.0, 0.24, 0.25, 0.5, 0.74, 0.75, 1.0)]
+    assert sizes == [2048, 2048, 4096, 8192, 8192, 16_384, 16_384]
+    uneven = PPOConfig(batch_size=1000, batch_size_final=2500)
+    assert [batch_size(uneven, p) for p in (0.0, 0.4, 0.9, 1.0)] == [1000, 2000, 2500, 2500]
+    assert batch_size(PPOConfig(batch_size=64, batch_size_final=64), 0.7) == 64
+    assert {batch_size(PPOConfig(batch_size=64), p) for p in (0.0, 0.5, 1.0)} == {64}
+
+
+def test_batches_that_shrink_or_grow_in_lockstep_are_refused() -> None:
+    with pytest.raises(UserError, match="batch_size_final 16 must be batch_size 32 or more"):
+        small_config(ppo={"batch_size_final": 16})
+    with pytest.raises(UserError, match=r"needs learner\.mode: async; in lockstep a batch is a"):
+        small_config(ppo={"batch_size_final": 64}, learner={"mode": "lockstep"})
 
 
 @pytest.fixture
