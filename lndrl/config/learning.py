@@ -54,6 +54,9 @@ class NetworkConfig(Model):
     variances: bool = Field(True, description="False: the goal without the belief's variances")
     features: Count = Field(512, description="units of map encoder, scan encoder, trunk (PAPER)")
     goal_features: Count = Field(64, description="units of the goal's encoder (PAPER)")
+    layer_norm: Annotated[bool, LATER] = Field(
+        False, description="normalize the trunk's units before their ReLU, in both networks"
+    )
     initialization: Literal["orthogonal", "default"] = Field(
         "orthogonal", description="orthogonal with a small policy head, or torch's default (GROUP)"
     )
@@ -76,6 +79,11 @@ class NetworkConfig(Model):
                     f"{part}_settings go to a class of your own; {part} is the built-in "
                     f"{getattr(self, part)}"
                 )
+        if self.layer_norm and self.policy != BUILT_IN:
+            raise ValueError(
+                f"layer_norm is of the built-in network's trunk; policy is {self.policy}, which "
+                "normalizes for itself"
+            )
         return self
 
 
