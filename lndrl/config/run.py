@@ -22,9 +22,9 @@ from lndrl.config.learning import (
 from lndrl.config.localization import LocalizationConfig
 from lndrl.config.shipped import find
 from lndrl.config.task import TaskConfig
-from lndrl.config.world import WorldConfig
+from lndrl.config.world import RandomizeConfig, WorldConfig
 from lndrl.errors import UserError
-from lndrl.models import MOST, Model, effective, load_yaml, validate
+from lndrl.models import LATER, MOST, Model, effective, load_yaml, validate
 from lndrl.scenario import Scenario
 
 FIXED_ACTORS = 2
@@ -46,6 +46,9 @@ class RunConfig(Model):
     localization: LocalizationConfig = Field(
         LocalizationConfig(),
         description="the filter that says where the robot believes it is: a preset's name, or keys",
+    )
+    randomize: Annotated[RandomizeConfig, LATER] = Field(
+        RandomizeConfig(), description="what is drawn anew for every episode of training"
     )
     task: TaskConfig = Field(TaskConfig(), description="what the robot sees, does, is paid for")
     network: NetworkConfig = Field(NetworkConfig(), description="policy and value network")

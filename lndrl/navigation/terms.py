@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import RunConfig
+from lndrl.config import RandomizeConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import REWARD_TERM, calling, find, make
 
@@ -140,13 +140,15 @@ def own_terms(config: RunConfig, worlds: int) -> OwnTerms | None:
 
 
 def as_tested(config: RunConfig) -> RunConfig:
-    """``config`` as it is tested: paid by the compiled parts alone, without a limit."""
-    reward = config.task.reward
-    if not reward.terms and reward.pose_limit is None:
+    """``config`` as it is tested: paid by the compiled parts alone, without a limit, and with the
+    same settings in every episode.
+    """
+    reward, settled = config.task.reward, RandomizeConfig()
+    if not reward.terms and reward.pose_limit is None and config.randomize == settled:
         return config
     reward = reward.model_copy(update={"terms": {}, "pose_limit": None})
     task = config.task.model_copy(update={"reward": reward})
-    return config.model_copy(update={"task": task})
+    return config.model_copy(update={"task": task, "randomize": settled})
 
 
 def _make(name: str, use: str, config: RunConfig, settings: dict[str, object]) -> Term:

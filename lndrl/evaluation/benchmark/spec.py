@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
+from lndrl.config import REPOSITORY_CONFIGS, RandomizeConfig, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
 from lndrl.models import Model, effective, load_yaml, validate
@@ -209,6 +209,7 @@ def bench_config(
     return config.model_copy(
         update={
             "seed": seed,
+            "randomize": RandomizeConfig(),
             "scenario": base.scenario,
             "world": base.world,
             "localization": base.localization.model_copy(update={"kind": contender.localization}),
