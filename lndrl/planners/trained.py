@@ -46,16 +46,19 @@ class TrainedPolicy:
             "goal": (6,),
         }
 
-    def act(self, observation: Observations, greedy: bool = False) -> np.int64 | NDArray[np.int64]:
+    def act(
+        self, observation: Observations, greedy: bool = False, temperature: float = 1.0
+    ) -> np.int64 | NDArray[np.int64]:
         """An action number for one observation, (B,) of them for a batch.
 
-        Drawn as in training, or the likeliest when ``greedy``. Raises ValueError for arrays of
+        Drawn as in training, or the likeliest when ``greedy``; a ``temperature`` below 1 prefers
+        the likelier ones. Raises ValueError for arrays of
         other shapes than an environment of ``config`` has.
         """
         scores: NDArray[np.floating] = self.log_probabilities(observation)
         if not greedy:
             # Gumbel trick: the largest of log p + noise is a draw from p.
-            scores = scores + self._generator.gumbel(size=scores.shape)
+            scores = scores / temperature + self._generator.gumbel(size=scores.shape)
         action: np.int64 | NDArray[np.int64] = scores.argmax(axis=-1)
         return action
 

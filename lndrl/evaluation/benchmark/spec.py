@@ -117,7 +117,9 @@ class Contender:
             return f"{self.source.name} {fingerprint(found)} {settings}"
         if self.source.weights is None:
             return self.source.name
-        return hashlib.sha256(self.source.weights).hexdigest()[:16]
+        digest = hashlib.sha256(self.source.weights).hexdigest()[:16]
+        temperature = self.source.temperature
+        return digest if temperature == 1.0 else f"{digest} at {temperature:g}"
 
     @property
     def actions(self) -> str:
