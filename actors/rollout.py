@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.laps import Laps
+from actors.teaching import Teacher
 from lndrl.config import RunConfig
 from lndrl.kernels import expect
 from lndrl.navigation import (
@@ -26,7 +27,7 @@ from lndrl.navigation import (
 )
 from lndrl.navigation.batch import KERNELS
 from lndrl.navigation.families import first_world_of_actor
-from lndrl.policy import PolicyRunner
+from lndrl.policy import Guidance, PolicyRunner
 from lndrl.randomness import Stream
 
 
@@ -68,14 +69,21 @@ class Rollout:
         self.environment = VectorNavigation(
             config, first_world_of_actor(actor_index), self.worlds, first_episode, surroundings
         )
+        self.guidance = Guidance()
+        self.teacher = None if config.ppo.teacher is None else Teacher(config, self.worlds)
         # Compile every kernel now, on a world that nobody records.
         scratch = VectorNavigation(config, 0, 1, surroundings=surroundings)
         self.runner.act(scratch.observation, np.random.default_rng(0))
         scratch.step(np.zeros(1, np.uint8))
+        if config.ppo.teacher is not None:
+            taught = Teacher(config, 1)
+            taught.begin(1, Guidance(labels=True), np.random.default_rng(0))
+            taught.teach(0, scratch.observation)
 
     def load(self, version: int, blob: bytes) -> None:
         """Act on weights ``version`` (safetensors bytes) from now on."""
         self.runner.load(blob)
+        self.guidance = Guidance.of(blob)
         self.version = version
 
     def action_generator(self, number: int) -> np.random.Generator:
@@ -99,15 +107,21 @@ class Rollout:
         terminated, truncated = np.zeros((2, steps, worlds), np.uint8)
         finals = [Observation.zeros_for(0, self.config)]
         episodes: list[EpisodeRecord] = []
+        if self.teacher is not None:
+            self.teacher.begin(steps, self.guidance, generator)
 
         for t in range(steps):
             if stopped():
                 return None
             observation.put(t, environment.observation)
             self.laps.lap("other")
-            action[t], log_prob[t] = self.runner.act(environment.observation, generator)
+            given = self.teacher.teach(t, environment.observation) if self.teacher else None
+            act = self.runner.act(environment.observation, generator, given=given)
+            action[t], log_prob[t] = act
             self.laps.lap("infer")
             result = environment.step(action[t])
+            if self.teacher is not None:
+                self.teacher.told(action[t], result.terminated | result.truncated)
             self.laps.lap("simulate")
             reward[t] = result.reward
             terminated[t], truncated[t] = result.terminated, result.truncated
@@ -126,6 +140,7 @@ class Rollout:
             version=np.full((steps, worlds), self.version, np.uint32),
             final_index=final_indices(terminated, truncated),
             final_observation=Observation.concatenate(finals),
+            teacher=None if self.teacher is None else self.teacher.labels(),
         )
         return Chunk(trajectory, episodes)
 

@@ -18,6 +18,7 @@ from learner.memory import MemoryTide, keep_freed_memory
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.rollout_store import RolloutStore
 from learner.ppo.schedules import batch_size
+from learner.ppo.stage import Stage, stage_of
 from learner.ppo.update import PPO, DivergedError
 from learner.run.checkpoint import (
     Counters,
@@ -106,6 +107,8 @@ class Learner:
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
         self._memory = MemoryTide(self.ppo.each_thread)
+        self._phase = ""  # announced last
+        self._learned_in = ""  # phase of the newest update
         self.started = time.monotonic()
         self._elapsed_before = self.counters.elapsed
         self._failures = 0
@@ -243,11 +246,12 @@ class Learner:
         """Learn from ``chunks``, or drop them where the update diverges; whether it learned."""
         lag = np.maximum(self.counters.version - batch.version, 0)
         try:
-            self.figures = self.ppo.update(batch, self._progress)
+            self.figures = self.ppo.update(batch, self._progress, self.stage)
         except DivergedError as error:
             self._diverged(chunks, error)
             return False
         self._failures = 0
+        self._learned_in = self.stage.phase
         self.lag = {"mean": float(lag.mean()), "max": int(lag.max())}
         self.counters.steps += len(batch)
         self.counters.updates += 1
@@ -276,7 +280,12 @@ class Learner:
         if self.counters.updates:
             self.counters.version = self.counters.updates
         self.ingest.weights_version = self.counters.version
-        self.endpoint.publish_weights(self.counters.version, to_bytes(self.ppo.acting))
+        stage = self.stage
+        if self.config.ppo.teacher is not None and stage.phase != self._phase:
+            self._phase = stage.phase
+            self.events.add("phase", stage.words(self.config))
+        blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
+        self.endpoint.publish_weights(self.counters.version, blob)
 
     def _record(self, chunks: list[Chunk], seconds: float) -> None:
         for chunk in chunks:
@@ -291,6 +300,7 @@ class Learner:
             "samples": sum(chunk.samples for chunk in chunks),
             "episodes": self.episodes.figures(),
             "reward_parts": self.episodes.reward_parts(),
+            "phase": self._learned_in,
             "ppo": self.figures,
             "lag": self.lag,
             "time": {
@@ -340,6 +350,11 @@ class Learner:
     def finished(self) -> bool:
         """Whether the configured number of steps is reached."""
         return self.counters.steps >= self.config.learner.total_steps
+
+    @property
+    def stage(self) -> Stage:
+        """What the policy learns from now: a teacher, reward, or both."""
+        return stage_of(self.config, self.counters.steps)
 
     @property
     def elapsed(self) -> float:

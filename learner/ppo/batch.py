@@ -19,7 +19,9 @@ class Batch:
     """N samples, plus F observations that only bootstrap.
 
     observation (N) and the arrays (N,) go chunk by chunk, each flattened as t * B + b;
-    final_observation (F) likewise in the order of the chunks.
+    final_observation (F) likewise in the order of the chunks. In a run with a teacher, teacher
+    float16 (N, A) holds what it says that each action costs above its cheapest, and taught
+    float32 (N,) is 1 where it was asked, else 0.
     """
 
     trajectories: tuple[Trajectory, ...]
@@ -28,6 +30,8 @@ class Batch:
     action: NDArray[np.int64]
     log_prob: NDArray[np.float32]
     version: NDArray[np.int64]
+    teacher: NDArray[np.float16] | None = None
+    taught: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.action)

@@ -65,6 +65,23 @@ def policy_loss(
     )
 
 
+def teacher_divergence(
+    logits: Tensor, cost: Tensor, temperature: Tensor | float
+) -> tuple[Tensor, Tensor]:
+    """KL(teacher || policy) and whether both like the same action best, both (N,).
+
+    ``logits`` (N, actions); ``cost`` (N, actions) of every action above the cheapest, which make
+    the teacher's probabilities by a softmax at ``temperature``.
+    """
+    cost = cost.float()
+    target = torch.log_softmax(-cost / temperature, dim=1)
+    divergence = (target.exp() * (target - torch.log_softmax(logits, dim=1))).sum(1)
+    with torch.no_grad():
+        chosen = logits.argmax(1, keepdim=True)
+        agrees = (cost.gather(1, chosen).squeeze(1) <= cost.amin(1)).float()
+    return divergence, agrees
+
+
 def value_loss(value: Tensor, target: Tensor, weight: float) -> Tensor:
     """``weight`` times the mean squared error; both (N,)."""
     return weight * (value - target).square().mean()

@@ -29,14 +29,15 @@ class RolloutStore:
         self._action = np.empty(0, np.int64)
         self._log_prob = np.empty(0, np.float32)
         self._version = np.empty(0, np.int64)
+        self._teacher = np.empty((0, 0), np.float16)
+        self._taught = np.empty(0, np.float32)
 
-    def fill(
-        self, trajectories: Sequence[Trajectory]
-    ) -> tuple[Observation, Observation, NDArray[Any], NDArray[Any], NDArray[Any]]:
+    def fill(self, trajectories: Sequence[Trajectory]) -> tuple[Any, ...]:
         """Copy at least one trajectory in, chunk by chunk, each flattened as t * B + b.
 
         Returns views: observation (N), final observation (F), action int64 (N,), log_prob
-        float32 (N,), version int64 (N,).
+        float32 (N,), version int64 (N,), and in a run with a teacher its costs float16 (N, A) and
+        where it was asked float32 (N,), else None twice.
         """
         samples = sum(t.action.size for t in trajectories)
         finals = sum(len(t.final_index) for t in trajectories)
@@ -57,13 +58,36 @@ class RolloutStore:
             ends = slice(final, final + len(trajectory.final_index))
             self._final.put(ends, trajectory.final_observation)
             sample, final = rows.stop, ends.stop
+        teacher = trajectories[0].teacher
+        if teacher is not None:
+            self._fill_taught(trajectories, teacher.shape[-1])
         return (
             self._observation.take(slice(samples)),
             self._final.take(slice(finals)),
             self._action[:samples],
             self._log_prob[:samples],
             self._version[:samples],
+            None if teacher is None else self._teacher[:samples],
+            None if teacher is None else self._taught[:samples],
         )
+
+    def _fill_taught(self, trajectories: Sequence[Trajectory], actions: int) -> None:
+        """Copy in what the teacher said; zeros, marked so, where it was not asked."""
+        capacity = len(self._action)
+        if self._teacher.shape != (capacity, actions):
+            self._teacher = self._array((capacity, actions), np.float16)
+            self._taught = self._array((capacity,), np.float32)
+        first = 0
+        for trajectory in trajectories:
+            rows = slice(first, first + trajectory.action.size)
+            labels = trajectory.teacher
+            if labels is not None and len(labels):
+                self._teacher[rows] = labels.reshape(-1, actions)
+                self._taught[rows] = 1.0
+            else:
+                self._teacher[rows] = 0.0
+                self._taught[rows] = 0.0
+            first = rows.stop
 
     def _room(self, kept: Observation | None, rows: int, like: Observation) -> Observation:
         if kept is not None and rows <= len(kept):

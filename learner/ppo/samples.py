@@ -13,13 +13,13 @@ from torch import Tensor
 
 from learner.ppo.batch import Batch
 from lndrl.config import RunConfig
-from lndrl.navigation import Observation
+from lndrl.navigation import Observation, action_table
 from lndrl.policy import CompactObservation, Inputs, prepare
 
 Rows = slice | Tensor
 MakeInputs = Callable[[Hashable, Rows], Inputs]
 
-_COLUMNS = ("action", "log_prob", "proximal", "advantage", "target")
+_COLUMNS: tuple[str, ...] = ("action", "log_prob", "proximal", "advantage", "target")
 _SPARE = 1.25  # room beyond a batch that needed new memory
 
 
@@ -32,6 +32,7 @@ class Samples:
     Attributes:
         action int64, log_prob, proximal, advantage, target float32: (N,) or longer; what stands
             beyond N is left from larger batches.
+        teacher float16 (N, A), taught float32 (N,): as of Batch; empty in a run without a teacher.
     """
 
     def __init__(self, config: RunConfig) -> None:
@@ -39,6 +40,7 @@ class Samples:
         self.device = torch.device("cpu")
         self.action = torch.empty(0, dtype=torch.int64)
         self.log_prob = self.proximal = self.advantage = self.target = torch.empty(0)
+        self.teacher, self.taught = torch.empty(0, 0, dtype=torch.float16), torch.empty(0)
 
     def load(self, batch: Batch) -> bool:
         """Take ``batch`` over; it must stay as it is until the next.
@@ -48,6 +50,9 @@ class Samples:
         self._observation, self._final = batch.observation, batch.final_observation
         self.action = torch.from_numpy(batch.action)
         self.log_prob = torch.from_numpy(batch.log_prob)
+        if batch.teacher is not None and batch.taught is not None:
+            self.teacher = torch.from_numpy(batch.teacher)
+            self.taught = torch.from_numpy(batch.taught)
         return False
 
     def set_goals(
@@ -86,7 +91,11 @@ class DeviceSamples(Samples):
         self.device = device
         self._rows = CompactObservation.view(Observation.zeros_for(0, config)).to(device)
         self._finals = self._rows
-        for name in _COLUMNS:
+        self._columns = _COLUMNS
+        if config.ppo.teacher is not None:
+            self._columns += ("teacher", "taught")
+            self.teacher = torch.empty(0, len(action_table(config.task)), dtype=torch.float16)
+        for name in self._columns:
             setattr(self, name, getattr(self, name).to(device))
 
     def load(self, batch: Batch) -> bool:
@@ -95,14 +104,18 @@ class DeviceSamples(Samples):
         if moved:
             capacity = len(batch) if not len(self.action) else int(_SPARE * len(batch))
             self._rows = _room(self._rows, capacity)
-            for name in _COLUMNS:
-                setattr(self, name, getattr(self, name).new_zeros(capacity))
+            for name in self._columns:
+                column = getattr(self, name)
+                setattr(self, name, column.new_zeros(capacity, *column.shape[1:]))
         if len(batch.final_observation) > len(self._finals.goal):
             self._finals = _room(self._finals, int(_SPARE * len(batch.final_observation)) + 1)
         self._rows.copy_(CompactObservation.view(batch.observation))
         self._finals.copy_(CompactObservation.view(batch.final_observation))
         self._upload("action", torch.from_numpy(batch.action))
         self._upload("log_prob", torch.from_numpy(batch.log_prob))
+        if batch.teacher is not None and batch.taught is not None:
+            self._upload("teacher", torch.from_numpy(batch.teacher))
+            self._upload("taught", torch.from_numpy(batch.taught))
         return moved
 
     def set_goals(

@@ -19,10 +19,12 @@ from torch import Tensor
 
 from learner.ppo.average import Average
 from learner.ppo.batch import Batch, batch_advantages
-from learner.ppo.losses import explained_variance, policy_loss, value_loss
+from learner.ppo.lessons import Lessons
+from learner.ppo.losses import explained_variance, policy_loss, teacher_divergence, value_loss
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.schedules import entropy_weight
+from learner.ppo.stage import IMITATION, Stage
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.machine.cores import usable_cores
@@ -37,6 +39,7 @@ from lndrl.policy import (
 __all__ = ["PPO", "DivergedError"]
 
 _POLICY_FIGURES = ("policy_loss", "entropy", "kl", "clip_fraction", "importance_max")
+_TEACHER_FIGURES = ("teacher_kl", "teacher_agreement")
 _FORWARD_ROWS = 256  # rows per pass without gradients: fits the caches, bounds the memory
 _FORWARD_ROWS_GPU = 2048
 
@@ -70,8 +73,13 @@ class PPO:
         self.value = self._placed(build_value(config))
         decay = config.learner.average
         self.average = Average(self.policy, decay) if decay else None
+        taught = config.ppo.teacher is not None
+        self._figures = _POLICY_FIGURES + (_TEACHER_FIGURES if taught else ())
+        self._stage = Stage()
+        self._hold = torch.zeros(2, device=self.device)  # temperature and KL weight, see Stage
+        self.lessons = Lessons(config) if taught else None
         self._actor = self._trainee(
-            self.policy, config.ppo.actor_learning_rate, self._policy_loss, _POLICY_FIGURES
+            self.policy, config.ppo.actor_learning_rate, self._policy_loss, self._figures
         )
         self._critic = self._trainee(
             self.value, config.ppo.critic_learning_rate, self._value_loss, ()
@@ -79,8 +87,9 @@ class PPO:
         self._safeguard = Safeguard((self._actor, self._critic))
         self.policy_optimizer = self._actor.optimizer
         self.value_optimizer = self._critic.optimizer
-        self.samples: Samples = (
+        self.samples, self._lesson = (
             DeviceSamples(config, self.device) if self._on_device else Samples(config)
+            for _ in range(2)
         )
         # Recorded CUDA graphs read what changes from memory, as they do Adam's rate.
         self._entropy: float | Tensor = config.ppo.entropy
@@ -100,13 +109,21 @@ class PPO:
         for thread in self._threads.values():
             thread.shutdown(wait=True, cancel_futures=True)
 
-    def update(self, batch: Batch, progress: float) -> dict[str, float]:
+    def update(
+        self,
+        batch: Batch,
+        progress: float,
+        stage: Stage = Stage(),  # noqa: B008  (frozen)
+    ) -> dict[str, float]:
         """Train on ``batch``; ``progress`` in [0, 1] drives the learning-rate schedule.
 
-        Returns the figures of the update by name. Raises DivergedError where a loss, gradient,
-        weight or moment is not finite; networks, optimizers and ``rng`` are then as before.
+        ``stage`` says what the policy learns from: the teacher of the run, reward, or both. The
+        value network always learns from reward. Returns the figures of the update by name. Raises
+        DivergedError where a loss, gradient, weight or moment is not finite; networks, optimizers
+        and ``rng`` are then as before.
         """
         order = self.rng.bit_generator.state
+        self._enter(stage)
         self._safeguard.keep()
         try:
             figures = self._update(batch, progress)
@@ -145,6 +162,8 @@ class PPO:
         self.value_optimizer.rate = scale * ppo.critic_learning_rate
         self._set_entropy(entropy_weight(ppo, progress))
         self._load(batch)
+        if self.lessons is not None and self._stage.phase == IMITATION:
+            return self._imitate(batch, self.lessons)
         proximal, value, final_value = self._forward(batch)
         advantage, target = batch_advantages(batch, value, final_value, ppo)
         variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
@@ -155,6 +174,54 @@ class PPO:
         figures["learning_rate"] = scale * ppo.actor_learning_rate
         if ppo.entropy_final is not None:
             figures["entropy_weight"] = entropy_weight(ppo, progress)
+        return figures
+
+    def _enter(self, stage: Stage) -> None:
+        """Let losses be those of ``stage`` from now on."""
+        if stage.phase != self._stage.phase:
+            self._actor.memory_moved()  # a recorded step holds the loss of before
+            if stage.phase != IMITATION and self.lessons is not None:
+                self.lessons.forget()
+        self._stage = stage
+        self._hold.copy_(torch.tensor([stage.temperature, stage.kl]))
+
+    def _imitate(self, batch: Batch, lessons: Lessons) -> dict[str, float]:
+        """Train the policy on what it has met so far, the value network on ``batch`` (loaded)."""
+        ppo, plan = self.config.ppo, self.config.imitation
+        self.policy_optimizer.rate = plan.learning_rate
+        lessons.add(batch)
+        if not len(lessons):
+            raise DivergedError("no state of the batch has a label of the teacher")
+        _, value, final_value = self._forward(batch)
+        _, target = batch_advantages(batch, value, final_value, ppo)
+        variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
+        self.samples.set_goals(torch.zeros(len(batch)), np.zeros_like(target), target)
+        lesson = lessons.draw(max(1, round(plan.passes * len(batch))), self.rng)
+        if self._lesson.load(lesson):
+            self._actor.memory_moved()
+        work = [
+            (self._actor, self._lesson, [np.arange(len(lesson))]),
+            (
+                self._critic,
+                self.samples,
+                [self.rng.permutation(len(batch)) for _ in range(ppo.epochs)],
+            ),
+        ]
+        calls = []
+        for trainee, samples, orders in work:
+            inputs = SharedInputs(samples.inputs, readers=1)
+            trainee.begin(inputs.get)
+            calls.append((trainee, partial(self._alone, trainee, samples.orders(orders), inputs)))
+        if self._on_device or ppo.joint_gradient_norm:
+            for trainee, call in calls:
+                trainee.wait()
+                call()
+                trainee.join()
+        else:
+            self._each(*calls)
+        figures = self._after_epochs()
+        figures["explained_variance"] = variance
+        figures["learning_rate"] = plan.learning_rate
         return figures
 
     def train(
@@ -223,11 +290,16 @@ class PPO:
                 trainee.join()
         else:
             self._each(*((t, partial(self._alone, t, orders, inputs)) for t in both))
+        return self._after_epochs()
+
+    def _after_epochs(self) -> dict[str, float]:
+        """Free what the steps needed; their figures."""
+        both = (self._actor, self._critic)
         if not self._on_device:  # there torch has allocators of its own
             self._each(*((t, t.end) for t in both))
         policy, value = (trainee.figures() for trainee in both)
         return {
-            **{name: policy[name] for name in _POLICY_FIGURES},
+            **{name: policy[name] for name in self._figures},
             "gradient_norm_policy": policy["gradient_norm"],
             "value_loss": value["loss"],
             "gradient_norm_value": value["gradient_norm"],
@@ -268,6 +340,15 @@ class PPO:
 
     def _policy_loss(self, logits: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
         ppo, samples = self.config.ppo, self.samples
+        temperature, weight = self._hold
+        if self._stage.phase == IMITATION:
+            cost = self._lesson.teacher.index_select(0, rows)
+            divergence, agrees = teacher_divergence(logits, cost, temperature)
+            log_probabilities = torch.log_softmax(logits.detach(), dim=1)
+            entropy = -(log_probabilities.exp() * log_probabilities).sum(1).mean()
+            total, none = divergence.mean(), torch.zeros((), device=logits.device)
+            found = (total.detach(), entropy, none, none, none + 1.0)
+            return total, (*found, total.detach(), agrees.mean())
         loss = policy_loss(
             logits,
             samples.action.index_select(0, rows),
@@ -280,7 +361,15 @@ class PPO:
             ppo.max_importance,
         )
         figures = (loss.policy, loss.entropy, loss.kl, loss.clip_fraction, loss.importance_max)
-        return loss.total, figures
+        if self.lessons is None:
+            return loss.total, figures
+        taught = samples.taught.index_select(0, rows)
+        cost = samples.teacher.index_select(0, rows)
+        divergence, agrees = teacher_divergence(logits, cost, temperature)
+        # Of what the teacher was asked about; that may be none of it.
+        share = taught.sum().clamp(min=1.0)
+        held, agreement = (divergence * taught).sum() / share, (agrees * taught).sum() / share
+        return loss.total + weight * held, (*figures, held.detach(), agreement)
 
     def _value_loss(self, value: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
         target = self.samples.target.index_select(0, rows)

@@ -4,6 +4,7 @@ Every number of the paper stands here once, as a default with its source, or in 
 ``keys.SOURCES`` says what its sources are called.
 """
 
+from lndrl.config.imitation import ImitationConfig
 from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
 from lndrl.config.learning import (
     MOST_ACTORS,
@@ -35,6 +36,7 @@ __all__ = [
     "SOURCES",
     "ActorConfig",
     "CrowdConfig",
+    "ImitationConfig",
     "Key",
     "Kind",
     "LaserConfig",

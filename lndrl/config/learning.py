@@ -144,6 +144,11 @@ class PPOConfig(Model):
         10.0, description="most that an older policy's sample is weighted"
     )
     adam_eps: Positive = Field(1e-5, description="Adam's epsilon in the denominator (GROUP 1e-8)")
+    teacher: Annotated[Literal["predictive", "careful"] | None, LATER] = Field(
+        None,
+        description="planner that the policy learns from by example first, see imitation; null: "
+        "by reward alone",
+    )
 
     @model_validator(mode="after")
     def _batches_grow(self) -> PPOConfig:

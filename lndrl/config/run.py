@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import Field, model_validator
 
+from lndrl.config.imitation import ImitationConfig
 from lndrl.config.learning import (
     BUILT_IN,
     ActorConfig,
@@ -53,6 +54,9 @@ class RunConfig(Model):
     task: TaskConfig = Field(TaskConfig(), description="what the robot sees, does, is paid for")
     network: NetworkConfig = Field(NetworkConfig(), description="policy and value network")
     ppo: PPOConfig = Field(PPOConfig(), description="how an update learns from a batch")
+    imitation: Annotated[ImitationConfig, LATER] = Field(
+        ImitationConfig(), description="how ppo.teacher is learned from"
+    )
     learner: LearnerConfig = Field(LearnerConfig(), description="the service that learns")
     actor: ActorConfig = Field(ActorConfig(), description="the services that simulate and act")
     transport: TransportConfig = Field(
@@ -67,6 +71,15 @@ class RunConfig(Model):
             raise ValueError(
                 f"task.scan_frames {self.task.scan_frames} needs network.scan_encoder: fan; "
                 "the paper's reads one scan"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _teacher_fits_the_task(self) -> RunConfig:
+        if self.ppo.teacher == "careful" and self.localization.kind == "perfect":
+            raise ValueError(
+                "ppo.teacher careful goes by the belief's variances, and localization perfect has "
+                "none; take predictive, or localization.kind: amcl"
             )
         return self
 

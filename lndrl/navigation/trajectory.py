@@ -43,6 +43,21 @@ SCHEMA: dict[str, tuple[str, tuple[str | int, ...]]] = {
     "final_goal": ("<f4", ("F", 6)),
 }
 
+TEACHER = "teacher"
+MOST_COST = 60_000.0
+"""Cost of an action above the teacher's cheapest, at most: nearly the largest float16."""
+# L is T where a teacher has labelled the chunk, else 0; A actions.
+OPTIONAL: dict[str, tuple[str, tuple[str | int, ...]]] = {
+    TEACHER: ("<f2", ("L", "B", "A")),
+}
+"""Arrays that only some runs have, see ``schema_of``."""
+
+
+def schema_of(config: RunConfig) -> dict[str, tuple[str, tuple[str | int, ...]]]:
+    """The arrays of an upload in a run of ``config``: those of ``SCHEMA``, and some of OPTIONAL."""
+    wanted = {TEACHER: config.ppo.teacher is not None}
+    return SCHEMA | {name: OPTIONAL[name] for name in OPTIONAL if wanted[name]}
+
 
 _EPISODES = 4
 """Episodes that end in a chunk per world, at most as a rule; records travel in the header."""
@@ -61,11 +76,13 @@ def most_bytes(config: RunConfig, worlds: int) -> int:
         "M": steps * worlds * people,
         "F": finals,
         "G": finals * people,
+        "L": steps,
+        "A": _actions(config.task),
     }
     arrays = sum(
         np.dtype(dtype).itemsize
         * math.prod(axis if isinstance(axis, int) else sizes[axis] for axis in axes)
-        for dtype, axes in SCHEMA.values()
+        for dtype, axes in schema_of(config).values()
     )
     return arrays + worlds * _EPISODES * _RECORD + _HEADER
 
@@ -87,6 +104,8 @@ class Trajectory:
     observation (T, B) before each action; action uint8, log_prob, reward float32, terminated and
     truncated uint8 0/1 (never both), version uint32 (weights the action was drawn from), all
     (T, B); final_index int32 (F,) from ``final_indices`` and final_observation (F,).
+    teacher float16 (T, B, A): what the run's teacher says that each action costs above its
+    cheapest, at most MOST_COST; (0, B, A) where it was not asked, None in a run without one.
     """
 
     observation: Observation
@@ -98,6 +117,7 @@ class Trajectory:
     version: NDArray[np.uint32]
     final_index: NDArray[np.int32]
     final_observation: Observation
+    teacher: NDArray[np.float16] | None = None
 
     @property
     def steps(self) -> int:
@@ -129,8 +149,11 @@ class Trajectory:
             "final_pedestrian_count": final.pedestrian_count,
             "final_goal": final.goal,
         }
+        if self.teacher is not None:
+            arrays[TEACHER] = self.teacher
+        kinds = SCHEMA | OPTIONAL
         return {
-            name: np.ascontiguousarray(array, dtype=SCHEMA[name][0])
+            name: np.ascontiguousarray(array, dtype=kinds[name][0])
             for name, array in arrays.items()
         }
 
@@ -164,6 +187,7 @@ class Trajectory:
             observation=observation,
             final_index=checked["final_index"],
             final_observation=final,
+            teacher=checked.get(TEACHER),
             **{name: checked[name] for name in rest},
         )
 
@@ -190,12 +214,16 @@ def _checked_shapes(
     arrays: Mapping[str, NDArray[Any]], config: RunConfig
 ) -> dict[str, NDArray[Any]]:
     """Names, types, dtypes and shapes; returns contiguous arrays."""
-    if not isinstance(arrays, Mapping) or set(arrays) != set(SCHEMA):
+    schema = schema_of(config)
+    if not isinstance(arrays, Mapping) or set(arrays) != set(schema):
         given = sorted(map(str, arrays)) if isinstance(arrays, Mapping) else type(arrays).__name__
-        raise ValueError(f"trajectory needs exactly the arrays {sorted(SCHEMA)}, not {given}")
-    sizes: dict[str, int] = {"beams": config.task.scan_frames * config.world.laser.beams}
+        raise ValueError(f"trajectory needs exactly the arrays {sorted(schema)}, not {given}")
+    sizes: dict[str, int] = {
+        "beams": config.task.scan_frames * config.world.laser.beams,
+        "A": _actions(config.task),
+    }
     checked = {}
-    for name, (dtype, axes) in SCHEMA.items():
+    for name, (dtype, axes) in schema.items():
         array = arrays[name]
         if not isinstance(array, np.ndarray) or array.dtype != np.dtype(dtype):
             kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
@@ -211,11 +239,22 @@ def _checked_shapes(
         checked[name] = np.ascontiguousarray(array)
     if sizes["T"] < 1 or sizes["B"] < 1:
         raise ValueError("trajectory must hold at least one step of one world")
+    if sizes.get("L", 0) not in (0, sizes["T"]):
+        raise ValueError(
+            f"trajectory array {TEACHER} must be of all {sizes['T']} steps or of none, "
+            f"not of {sizes['L']}"
+        )
     return checked
 
 
+def _actions(task: TaskConfig) -> int:
+    return len(task.linear_velocities) * len(task.angular_velocities)
+
+
 def _check_ranges(arrays: dict[str, NDArray[Any]], task: TaskConfig) -> None:
-    actions = len(task.linear_velocities) * len(task.angular_velocities)
+    actions = _actions(task)
+    if TEACHER in arrays:
+        _require(arrays, TEACHER, lambda a: (a >= 0.0) & (a <= MOST_COST), "finite, from 0 on")
     _require(arrays, "action", lambda a: a < actions, f"below {actions}")
     # A probability of 1 may round to a log probability a hair above 0.
     _require(

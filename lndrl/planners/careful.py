@@ -88,13 +88,21 @@ class CarefulPlanner(PredictivePlanner):
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``; stands still where the goal is not a number."""
         command = self._actions[self._cheapest(self._costs(observation, rows, every=False))]
-        self._commands[rows, :-1] = self._commands[rows, 1:]
-        self._commands[rows, -1] = command
+        self.told(command, rows)
         return command
 
     def costs(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """See ``PredictivePlanner.costs``; after the commands that ``act`` gave at ``rows``."""
+        """See ``PredictivePlanner.costs``; after what the robots at ``rows`` were told so far."""
         return self._costs(observation, rows, every=True)
+
+    def begin(self, rows: NDArray[np.int64]) -> None:
+        """See ``PredictivePlanner.begin``: these robots stand."""
+        self._commands[rows] = 0.0
+
+    def told(self, commands: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
+        """See ``PredictivePlanner.told``."""
+        self._commands[rows, :-1] = self._commands[rows, 1:]
+        self._commands[rows, -1] = commands
 
     def _turning_price(self) -> NDArray[np.float64]:
         p, w = self._careful, self._actions[:, 1]

@@ -131,6 +131,15 @@ class PredictivePlanner:
         """
         return self._decide(observation, every=True)
 
+    def begin(self, rows: NDArray[np.int64]) -> None:
+        """Episodes begin at ``rows``: what was remembered of them is over."""
+
+    def told(self, commands: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
+        """Hear what the robots at ``rows`` (B,) were told, (B, 2): m/s and rad/s.
+
+        For whoever asks for ``costs`` and decides himself; ``act`` knows what it says.
+        """
+
     def _turning_price(self) -> NDArray[np.float64]:
         """What the turning of every pair costs, (A, A)."""
         p, turned = self.parameters, np.abs(self._actions[:, 1])

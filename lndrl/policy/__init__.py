@@ -10,6 +10,7 @@ from lndrl.policy.layout import check_layout
 from lndrl.policy.networks import NavigationNetwork, Network, build_policy, build_value
 from lndrl.policy.weights import (
     POLICY_FILE,
+    Guidance,
     initial_weights,
     load_into,
     load_policy,
@@ -22,6 +23,7 @@ __all__ = [
     "POLICY_FILE",
     "CompactObservation",
     "FirstLayer",
+    "Guidance",
     "Inputs",
     "NavigationNetwork",
     "Network",

@@ -54,17 +54,26 @@ class PolicyRunner:
             return torch.log_softmax(self._acting(inputs).float(), dim=1).numpy()
 
     def act(
-        self, observation: Observation, rng: np.random.Generator, greedy: bool = False
+        self,
+        observation: Observation,
+        rng: np.random.Generator,
+        greedy: bool = False,
+        given: NDArray[np.integer] | None = None,
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Actions uint8 (B,) and their log-probabilities float32 (B,).
 
-        Sampled by the Gumbel trick from ``rng``, or the most likely ones when ``greedy``.
+        Sampled by the Gumbel trick from ``rng``, or the most likely ones when ``greedy``. Where
+        ``given`` (B,) is not negative, that action is taken whatever the policy says of it.
         """
         log_probabilities = self.log_probabilities(observation)
         noise = 0.0 if greedy else rng.gumbel(size=log_probabilities.shape)
         scores = log_probabilities + noise
         action = scores.argmax(axis=1)
+        if given is not None:
+            action = np.where(given >= 0, given, action)
         chosen = np.take_along_axis(log_probabilities, action[:, None], axis=1)[:, 0]
+        if given is not None:  # as unlikely as a float32 can say, and an upload may hold
+            chosen = chosen.clip(min=np.float32(-100.0))
         return action.astype(np.uint8), chosen
 
     def _freeze(self) -> None:

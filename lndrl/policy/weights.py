@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -19,6 +20,38 @@ from lndrl.policy.layout import CONFIG_KEY, explain_misfit
 from lndrl.policy.networks import build_policy
 
 POLICY_FILE = "policy.safetensors"
+GUIDANCE_KEY = "lndrl.guidance"
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """What actors are to do with the run's teacher while they act on some weights.
+
+    labels: let it label the states that they meet. drives: share of worlds that it drives.
+    """
+
+    labels: bool = False
+    drives: float = 0.0
+
+    def to_metadata(self) -> dict[str, str]:
+        """Entries beside the weights that ``of`` reads back."""
+        return {GUIDANCE_KEY: json.dumps({"labels": self.labels, "drives": self.drives})}
+
+    @classmethod
+    def of(cls, blob: bytes) -> Guidance:
+        """What a safetensors blob says in its head (its length in 8 bytes, then JSON).
+
+        Weights that say nothing ask for nothing. Raises UserError for what makes no sense.
+        """
+        try:
+            head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
+            said = json.loads(head.get("__metadata__", {}).get(GUIDANCE_KEY, "{}"))
+            found = cls(**said)
+            if type(found.labels) is not bool or not 0.0 <= found.drives <= 1.0:
+                raise ValueError(f"{said} is none")
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            raise UserError(f"weights: guidance that cannot be read ({error})") from None
+        return found
 
 
 def to_bytes(network: nn.Module, metadata: dict[str, str] | None = None) -> bytes:

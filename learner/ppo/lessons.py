@@ -1,0 +1,61 @@
+"""What a policy that imitates has met so far, with what the teacher says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from learner.ppo.batch import Batch
+from lndrl.config import RunConfig
+from lndrl.navigation import Observation
+
+
+class Lessons:
+    """The newest ``config.imitation.memory`` labelled states, oldest overwritten first.
+
+    It is no part of a checkpoint: a run that is resumed while it imitates fills it anew.
+    """
+
+    def __init__(self, config: RunConfig) -> None:
+        capacity, task = config.imitation.memory, config.task
+        actions = len(task.linear_velocities) * len(task.angular_velocities)
+        # Zeros of the system: what has not been filled takes no memory.
+        self._seen = Observation.zeros_for(capacity, config)
+        self._teacher = np.zeros((capacity, actions), np.float16)
+        self._none = Observation.zeros_for(0, config)
+        self._next = 0
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, batch: Batch) -> None:
+        """Keep the states of ``batch`` that the teacher has labelled."""
+        if batch.teacher is None or batch.taught is None:
+            return
+        capacity = len(self._teacher)
+        rows = np.flatnonzero(batch.taught)[-capacity:]
+        places = (self._next + np.arange(len(rows))) % capacity
+        self._seen.put(places, batch.observation.take(rows))
+        self._teacher[places] = batch.teacher[rows]
+        self._next = int(self._next + len(rows)) % capacity
+        self._count = min(capacity, self._count + len(rows))
+
+    def draw(self, count: int, rng: np.random.Generator) -> Batch:
+        """``count`` states drawn at random, in rounds over all of them; there must be some."""
+        rounds = -(-count // self._count)
+        rows = np.concatenate([rng.permutation(self._count) for _ in range(rounds)])[:count]
+        return Batch(
+            trajectories=(),
+            observation=self._seen.take(rows),
+            final_observation=self._none,
+            action=np.zeros(count, np.int64),
+            log_prob=np.zeros(count, np.float32),
+            version=np.zeros(count, np.int64),
+            teacher=self._teacher[rows],
+            taught=np.ones(count, np.float32),
+        )
+
+    def forget(self) -> None:
+        """Give the memory back: imitation is over."""
+        self._seen, self._teacher = self._none, self._teacher[:0].copy()
+        self._next = self._count = 0

@@ -1,0 +1,57 @@
+"""Learning by example: how long, from what, and how the example fades."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from lndrl.extensions import PartSettings
+from lndrl.models import MOST, Count, Model, NonNegative, Positive
+
+
+class ImitationConfig(Model):
+    """What ``ppo.teacher`` is used for; without one nothing of it matters.
+
+    First the policy only imitates, from all states that it has met so far (Ross et al. 2011,
+    "A reduction of imitation learning and structured prediction to no-regret online learning");
+    then PPO takes over, held to the teacher by a KL divergence that fades.
+    """
+
+    steps: Count = Field(40_960, description="environment steps in which the policy only imitates")
+    drive_steps: Annotated[int, Field(ge=0, le=MOST)] = Field(
+        8_192,
+        description="of these, the first in which the teacher drives, too: its share falls from 1 "
+        "to 0, by then the policy meets its own mistakes",
+    )
+    passes: Positive = Field(
+        4.0, description="states that the policy is trained on per state that comes in"
+    )
+    memory: Count = Field(
+        100_000, description="newest states that are imitated; about 1.9 kB each in the learner"
+    )
+    temperature: Positive = Field(
+        0.4, description="of the softmax over the teacher's costs, at first"
+    )
+    final_temperature: Positive = Field(
+        0.1, description="the same at the end of imitation, and from then on"
+    )
+    learning_rate: Positive = Field(5.0e-4, description="Adam's step of the policy meanwhile")
+    kl: NonNegative = Field(
+        1.0, description="weight of KL(teacher || policy) in PPO's loss where imitation ends"
+    )
+    kl_steps: Annotated[int, Field(ge=0, le=MOST)] = Field(
+        100_000, description="environment steps after that in which the weight falls to 0"
+    )
+    settings: PartSettings = Field(
+        default_factory=dict, description="parameters of the teacher, as --planner-set takes them"
+    )
+
+    @model_validator(mode="after")
+    def _driven_while_imitating(self) -> Self:
+        if self.drive_steps > self.steps:
+            raise ValueError(
+                f"imitation.drive_steps {self.drive_steps:,} must not exceed imitation.steps "
+                f"({self.steps:,}): PPO learns from the policy's own actions"
+            )
+        return self
