@@ -22,11 +22,14 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     actor_shares = learner.roster.shares()
     left = max(0, config.learner.total_steps - counters.steps)
     kept = learner.last_checkpoint
+    stage = learner.stage
     return {
         "run_id": learner.folder.run_id,
         "run_name": learner.folder.path.name,
         "verdict": _verdict(learner, actors),
         "state": "done" if learner.finished else ("training" if counters.updates else "waiting"),
+        "phase": stage.phase if config.ppo.teacher is not None else "",
+        "phase_until": stage.until,
         "time": max(0.0, time.time()),
         "uptime": time.monotonic() - learner.started,
         "steps": counters.steps,

@@ -129,6 +129,10 @@ class Optimization(StatusModel):
     gradient_norm_value: float | None = None
     learning_rate: float | None = None
     importance_max: float | None = None
+    teacher_kl: float | None = Field(None, description="KL(teacher || policy)")
+    teacher_agreement: float | None = Field(
+        None, description="share of states where both like the same action best"
+    )
 
 
 class Lag(StatusModel):
@@ -195,6 +199,8 @@ class Status(StatusModel):
     run_name: str = ""
     verdict: str = Field("", description="one of VERDICTS, or words of a newer learner")
     state: str = Field("training", description="waiting, training, done, ...")
+    phase: str = Field("", description="imitation, guided, reinforcement; empty: no teacher")
+    phase_until: Count | None = Field(None, description="steps at which the phase ends")
     time: Amount = Field(description="unix s when this was written")
     uptime: Amount = 0.0
     steps: Count

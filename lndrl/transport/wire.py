@@ -24,7 +24,7 @@ MAGIC = b"LNDRL\x00\x00\x01"
 ALIGNMENT = 64
 DTYPES = {
     name: np.dtype(name)
-    for name in ("|u1", "<u2", "<u4", "<u8", "|i1", "<i2", "<i4", "<i8", "<f4", "<f8")
+    for name in ("|u1", "<u2", "<u4", "<u8", "|i1", "<i2", "<i4", "<i8", "<f2", "<f4", "<f8")
 }
 MAX_DIMENSIONS = 8
 MAX_LENGTH = 2**31

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.navigation import Observation, Trajectory
@@ -55,7 +56,15 @@ def random_trajectory(
         version=np.full(shape, version, np.uint32),
         final_index=index,
         final_observation=random_observations(config, rng, (len(index),)),
+        teacher=random_costs(rng, shape) if config.ppo.teacher else None,
     )
+
+
+def random_costs(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.float16]:
+    """What a teacher might say: one of 28 actions is the cheapest."""
+    costs = rng.uniform(0.0, 5.0, (*shape, 28))
+    above: NDArray[np.float16] = (costs - costs.min(axis=-1, keepdims=True)).astype(np.float16)
+    return above
 
 
 def random_observations(

@@ -18,6 +18,7 @@ from lndrl.config import (
     parse_config,
 )
 from lndrl.errors import UserError
+from lndrl.models import effective
 
 SCENARIO = {
     "name": "room",
@@ -226,7 +227,7 @@ def test_defaults_are_the_published_ones(config_file: Path) -> None:
 
 def test_paper_yaml_has_the_published_numbers() -> None:
     config = load_config(REPOSITORY_CONFIGS / "paper.yaml")
-    assert config.ppo.model_dump() == {
+    assert effective(config.ppo) == {  # without keys that came later and do nothing there
         "actor_learning_rate": 5e-5,
         "critic_learning_rate": 1e-3,
         "learning_rate_schedule": "constant",
@@ -384,3 +385,13 @@ def test_a_record_from_before_a_key_keeps_what_was_so_before(tmp_path: Path) -> 
     now = load_config(written)
     assert now.localization.kld_one_bin == "max" and now.task.judged_moment == "report"
     assert load_config(written, ["localization=best"]).localization.kld_one_bin == "min"
+
+
+def test_a_teacher_that_the_task_cannot_serve() -> None:
+    with pytest.raises(UserError, match="careful goes by the belief's variances"):
+        load_config("lndrl", ["ppo.teacher=careful", "localization.kind=perfect"])
+    load_config("lndrl", ["ppo.teacher=predictive", "localization.kind=perfect"])
+    with pytest.raises(UserError, match=r"ppo\.teacher.*'predictive' or 'careful'"):
+        load_config("lndrl", ["ppo.teacher=dwa"])
+    with pytest.raises(UserError, match=r"drive_steps 50,000 must not exceed imitation\.steps"):
+        load_config("lndrl", ["imitation.drive_steps=50000"])

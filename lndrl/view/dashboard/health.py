@@ -23,6 +23,8 @@ LABELS = {
     "gradient_norm_policy": "grad policy",
     "gradient_norm_value": "grad value",
     "importance_max": "importance",
+    "teacher_kl": "KL of teacher",
+    "teacher_agreement": "as teacher",
 }
 """Names of the numbers as the dashboard prints them, in its order."""
 
@@ -37,11 +39,19 @@ SHORT_LABELS = {
     "gradient_norm_policy": "π grad",
     "gradient_norm_value": "V grad",
     "importance_max": "ratio",
+    "teacher_kl": "KL teach",
+    "teacher_agreement": "as teach",
 }
 """The same names where a column is narrow."""
 
+OF_A_TEACHER = ("teacher_kl", "teacher_agreement")
+"""Numbers that only a run with a teacher has."""
+
 SETTLED = 10
 """Updates until a value network may be expected to explain anything."""
+
+
+IMITATION = "imitation"
 
 
 @dataclass(frozen=True)
@@ -89,6 +99,8 @@ def findings(status: Status) -> list[Finding]:
         limit = LIMITS.get(key)
         if limit is None or (key == "explained_variance" and status.updates < SETTLED):
             continue
+        if key == "entropy" and status.phase == IMITATION:
+            continue  # whoever imitates is to become as sure as the teacher
         sign = 1.0 if limit.above else -1.0
         if sign * (value - limit.warn) > 0:
             severe = sign * (value - limit.severe) > 0

@@ -17,7 +17,14 @@ from lndrl.transport.status import (
     HistoryRow,
     Status,
 )
-from lndrl.view.dashboard.health import LABELS, SHORT_LABELS, Finding, findings
+from lndrl.view.dashboard.health import (
+    IMITATION,
+    LABELS,
+    OF_A_TEACHER,
+    SHORT_LABELS,
+    Finding,
+    findings,
+)
 from lndrl.view.dashboard.verdict import STALE_AFTER, headline
 from lndrl.view.palette import (
     BAD,
@@ -116,6 +123,9 @@ def _rates(status: Status, width: int) -> list[Text]:
     eta = styled("finished" if done else f"{duration(status.eta)} left", "bold")
     lag, dropped = status.lag, status.dropped
     facts = [f"update {status.updates:,}"]
+    if status.phase:
+        end = "" if status.phase_until is None else f" until {status.phase_until:,}"
+        facts.insert(0, f"{printable(status.phase)}{end}")
     if lag.mean is not None:
         most = "" if lag.max is None else f" (max {lag.max})"
         facts.append(f"lag {number(lag.mean, 2)}{most}")
@@ -213,7 +223,10 @@ def ppo(status: Status, width: int, columns: int = 2) -> Panel:
     """Numbers of the newest update in ``columns``; those out of their healthy range say so."""
     found = {finding.key: finding for finding in findings(status)}
     room = (width - 2 * (columns - 1)) // columns
-    cells = [_measure(status, key, found.get(key), room) for key in LABELS]
+    shown = [
+        key for key in LABELS if key not in OF_A_TEACHER or getattr(status.ppo, key) is not None
+    ]
+    cells = [_measure(status, key, found.get(key), room) for key in shown]
     rows = math.ceil(len(cells) / columns)
     lines = [Text("  ").join(cells[row::rows]) for row in range(rows)]
     worst = list(found.values())
@@ -223,7 +236,8 @@ def ppo(status: Status, width: int, columns: int = 2) -> Panel:
         lines += [styled(f"{'  ' if i else '! '}{line}", style) for i, line in enumerate(words)]
     if not worst and status.updates:
         lines.append(styled("all in healthy ranges", "dim"))
-    return Panel("PPO", [fit(line, width) for line in lines], f"update {status.updates:,}")
+    title = IMITATION if status.phase == IMITATION else "PPO"
+    return Panel(title, [fit(line, width) for line in lines], f"update {status.updates:,}")
 
 
 def _measure(status: Status, key: str, finding: Finding | None, width: int) -> Text:

@@ -131,6 +131,7 @@ def plain_line(status: Status, stale_age: float = 0.0) -> str:
         verdict.word
         if verdict.word not in ("stale", "compiling")
         else f"{verdict.word}, {verdict.sentence}",
+        *([status.phase] if status.phase else []),
         f"steps {status.steps:,}/{status.total_steps:,} ({share:.1f}%)",
         f"{number(status.rate.seconds_60)} steps/s",
         f"eta {duration(status.eta)}",

@@ -7,7 +7,12 @@ import math
 import pytest
 import torch
 
-from learner.ppo.losses import explained_variance, policy_loss, value_loss
+from learner.ppo.losses import (
+    explained_variance,
+    policy_loss,
+    teacher_divergence,
+    value_loss,
+)
 
 
 def loss_of(ratio: float, advantage: float, importance: float = 1.0, **settings: object):
@@ -75,3 +80,33 @@ def test_value_loss_and_explained_variance() -> None:
     assert explained_variance(spread, spread) == pytest.approx(1.0)
     assert explained_variance(torch.zeros(3), spread) == pytest.approx(0.0)
     assert explained_variance(spread, torch.ones(3)) == 0.0
+
+
+def test_divergence_from_a_teacher_by_hand() -> None:
+    cost = torch.tensor([[0.0, 0.4 * math.log(3.0)], [0.0, 0.0]])
+    logits = torch.log(torch.tensor([[0.5, 0.5], [0.25, 0.75]]))
+    divergence, agrees = teacher_divergence(logits, cost, 0.4)
+    expected = [
+        0.75 * math.log(1.5) + 0.25 * math.log(0.5),
+        0.5 * math.log(2.0) + 0.5 * math.log(2.0 / 3.0),
+    ]
+    assert divergence.tolist() == pytest.approx(expected, rel=1e-5)
+    assert agrees.tolist() == [1.0, 1.0]  # where two are cheapest, either will do
+
+
+def test_divergence_vanishes_where_the_policy_is_the_teacher() -> None:
+    cost = torch.tensor([[0.0, 1.0, 60_000.0]], dtype=torch.float16)
+    logits = (-cost.float() / 0.1).requires_grad_()
+    divergence, agrees = teacher_divergence(logits, cost, 0.1)
+    divergence.sum().backward()
+    assert divergence.item() == pytest.approx(0.0, abs=1e-6) and agrees.item() == 1.0
+    assert logits.grad is not None and logits.grad.abs().max() < 1e-6
+
+
+def test_descent_on_the_divergence_raises_what_the_teacher_likes() -> None:
+    logits = torch.zeros(1, 3, requires_grad=True)
+    divergence, agrees = teacher_divergence(logits, torch.tensor([[2.0, 0.0, 2.0]]), 0.5)
+    divergence.sum().backward()
+    assert logits.grad is not None
+    assert logits.grad[0, 1] < 0 < logits.grad[0, 0]
+    assert agrees.item() == 0.0  # of equal logits the first is taken

@@ -197,3 +197,54 @@ def test_several_scans_are_part_of_the_schema() -> None:
     for name in ("scan", "final_scan"):
         arrays[name] = np.concatenate([arrays[name]] * 3, axis=-1)
     assert Trajectory.from_arrays(arrays, three).observation.scan.shape == (4, 2, 3 * BEAMS)
+
+
+TAUGHT = CONFIG.model_copy(update={"ppo": CONFIG.ppo.model_copy(update={"teacher": "predictive"})})
+
+
+def labelled(labels: int, **changes: np.ndarray) -> dict[str, np.ndarray]:
+    """Arrays of 3 steps of 2 worlds with so many labelled steps."""
+    costs = np.random.default_rng(1).uniform(0, 9, (labels, 2, 28)).astype(np.float16)
+    made = random_trajectory(1, 3, 2)
+    made.version[:] = 0
+    made.teacher = costs
+    return {**made.to_arrays(), **changes}
+
+
+@pytest.mark.parametrize("labels", [0, 3])
+def test_labels_of_a_teacher_travel(labels: int) -> None:
+    arrays = labelled(labels)
+    read = Trajectory.from_arrays(arrays, TAUGHT)
+    assert read.teacher is not None and read.teacher.dtype == np.float16
+    np.testing.assert_array_equal(read.teacher, arrays["teacher"])
+
+
+@pytest.mark.parametrize(
+    ("costs", "what"),
+    [
+        (np.zeros((2, 2, 28), np.float16), "of all 3 steps or of none, not of 2"),
+        (np.zeros((3, 1, 28), np.float16), "shape"),
+        (np.zeros((3, 2, 27), np.float16), "shape"),
+        (np.zeros((3, 2, 28), np.float32), "float16"),
+        (np.full((3, 2, 28), -1.0, np.float16), "from 0 on"),
+        (np.full((3, 2, 28), np.nan, np.float16), "from 0 on"),
+        (np.full((3, 2, 28), np.inf, np.float16), "from 0 on"),
+    ],
+)
+def test_labels_that_no_teacher_made_are_refused(costs: np.ndarray, what: str) -> None:
+    with pytest.raises(ValueError, match=what):
+        Trajectory.from_arrays(labelled(3, teacher=costs), TAUGHT)
+
+
+def test_labels_belong_to_runs_with_a_teacher() -> None:
+    with pytest.raises(ValueError, match="needs exactly"):
+        Trajectory.from_arrays(labelled(3), CONFIG)
+    with pytest.raises(ValueError, match="needs exactly"):
+        Trajectory.from_arrays(random_trajectory(1, 3, 2).to_arrays(), TAUGHT)
+
+
+def test_room_for_labels_is_counted() -> None:
+    from lndrl.navigation.trajectory import most_bytes
+
+    labels = TAUGHT.actor.horizon * 5 * 28 * 2
+    assert most_bytes(TAUGHT, 5) - most_bytes(CONFIG, 5) == labels

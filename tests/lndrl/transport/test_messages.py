@@ -29,7 +29,7 @@ from lndrl.transport.messages import (
 )
 from lndrl.transport.wire import ALIGNMENT, MAGIC
 
-DTYPES = ["u1", "<u2", "<u4", "<u8", "i1", "<i2", "<i4", "<i8", "<f4", "<f8", ">f4", ">u2"]
+DTYPES = ["u1", "<u2", "<u4", "<u8", "i1", "<i2", "<i4", "<i8", "<f2", "<f4", "<f8", ">f4", ">u2"]
 plain = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats() | st.text(max_size=5),
     lambda inner: (
