@@ -25,7 +25,8 @@ def test_the_first_updates_count_alike_and_later_ones_fade(device: str) -> None:
     torch.manual_seed(3)
     network = build_policy(small_config()).to(device)
     average = Average(network, decay=0.75)
-    versions, expected = [], None
+    versions: list[torch.Tensor] = []
+    expected = torch.zeros(0)
     for update in range(1, 9):
         with torch.no_grad():
             for parameter in network.parameters():
@@ -50,6 +51,7 @@ def test_who_acts_and_what_is_tested(device: str, acting: str) -> None:
         for seed in range(3):
             batch = assemble([random_trajectory(ppo.config, seed)])
             assert ppo.update(batch, 0.0) == plain.update(batch, 0.0)
+        assert ppo.average is not None
         assert ppo.tested is ppo.average.network is not ppo.policy
         assert ppo.acting is (ppo.tested if acting == "average" else ppo.policy)
         assert plain.tested is plain.acting is plain.policy
@@ -67,7 +69,7 @@ def test_an_update_that_diverged_is_not_averaged(monkeypatch) -> None:
         monkeypatch.setattr(ppo._safeguard, "is_finite", lambda: False)
         with pytest.raises(DivergedError):
             ppo.update(batch, 0.0)
-        assert ppo.average.updates == 1
+        assert ppo.average is not None and ppo.average.updates == 1
         assert all(map(torch.equal, before, ppo.tested.parameters()))
     finally:
         ppo.close()

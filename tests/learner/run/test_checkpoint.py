@@ -189,7 +189,7 @@ def test_a_checkpoint_without_an_average_begins_one(trained, tmp_path: Path) -> 
     path = save_checkpoint(tmp_path, old, Counters(steps=64, updates=2), BOOKS, 3)
     assert not (path / TRAINED_FILE).exists()
     new = trained_again(trained, small_config(learner={"average": 0.9}), path)
-    assert new.average.updates == 0
+    assert new.average is not None and new.average.updates == 0
     for one, other in zip(old.policy.parameters(), new.tested.parameters(), strict=True):
         assert torch.equal(one, other)
     new.update(assemble([random_trajectory(new.config, 99)]), 0.5)

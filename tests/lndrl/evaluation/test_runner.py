@@ -149,9 +149,11 @@ def test_actions_are_drawn_as_the_tempered_logits_say(config: RunConfig) -> None
     """One observation, many rows: the shares are those of softmax(logits / T)."""
     network = build_policy(config)
     with torch.no_grad():
-        network.head.weight.zero_()
-        network.head.bias.copy_(torch.linspace(-1.0, 1.0, 28))
-        logits = network.head.bias.double().numpy()
+        for parameter in network.parameters():
+            parameter.zero_()
+        head = [p for p in network.parameters() if p.shape == (28,)][-1]
+        head.copy_(torch.linspace(-1.0, 1.0, 28))
+        logits = head.double().numpy()
     observation = Observation.zeros_for(4000, config)
     rows = np.arange(4000)
     for temperature in (0.5, 2.0):
