@@ -292,7 +292,7 @@ class Learner:
             self.episodes.add(chunk.episodes)
         self.counters.episodes = self.episodes.count
         self.counters.elapsed = self.elapsed
-        shares, actors = self.split.shares(), self.roster.shares()
+        shares, spent, actors = self.split.shares(), self.split.totals(), self.roster.shares()
         row = {
             "update": self.counters.updates,
             "steps": self.counters.steps,
@@ -315,7 +315,7 @@ class Learner:
                 "overhead_actor": overhead(actors),
                 # Sums since this learner started: what lies between two rows is exact.
                 "spent": {
-                    "learner": self.split.totals(),
+                    "learner": spent,
                     "actors": self.roster.totals(),
                     "actor_steps": self.roster.steps(),
                 },

@@ -22,7 +22,7 @@ import yaml
 from lndrl.chaos.stage import descendants, is_worker, lives
 from lndrl.transport import free_endpoint
 
-PATIENCE = 120.0  # s; compiling on a busy machine takes long
+PATIENCE = 600.0  # s; compiling on a busy machine takes long
 LNDRL = [sys.executable, "-m", "lndrl"]
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -110,7 +110,8 @@ class Desk:
 
     def rows(self, run: str = "a") -> list[dict[str, Any]]:
         path = self.folder / "runs" / run / "metrics.jsonl"
-        lines = path.read_text().splitlines() if path.exists() else []
+        text = path.read_text() if path.exists() else ""
+        lines = text[: text.rfind("\n") + 1].splitlines()  # the last may be half written
         return [json.loads(line) for line in lines if line.endswith("}")]
 
     def wait(self, what: str, condition: Callable[[], bool]) -> None:
@@ -137,21 +138,28 @@ def test_learner_actor_and_dashboard_survive_a_killed_learner(desk: Desk) -> Non
     actor = desk.start("actor", "--connect", desk.endpoint)
     desk.wait("updates", lambda: len(desk.rows()) >= 3)
 
-    seen = subprocess.run(
-        [*LNDRL, "dashboard", "--connect", desk.endpoint, "--once", "--json"],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert json.loads(seen.stdout)["snapshot"]["actors"][0]["state"] == "active"
+    def state() -> str:
+        seen = subprocess.run(
+            [*LNDRL, "dashboard", "--connect", desk.endpoint, "--once", "--json"],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        if seen.returncode:
+            return seen.stderr
+        return json.loads(seen.stdout)["snapshot"]["actors"][0]["state"]
+
+    # On a busy machine an actor may be slow for a while.
+    desk.wait("an active actor", lambda: state() == "active")
 
     learner.kill()
     learner.wait()
     desk.wait("checkpoint", lambda: any(desk.folder.glob("runs/a/checkpoints/step-*")))
     kept = max(int(p.name[5:]) for p in desk.folder.glob("runs/a/checkpoints/step-*"))
     again = desk.start("learner", "small.yaml", *listen, "--resume")
-    desk.wait("going on", lambda: desk.rows()[-1]["steps"] >= kept + 128)
+    # The killed one may have written two updates after its last checkpoint, never three.
+    desk.wait("going on", lambda: desk.rows()[-1]["steps"] >= kept + 192)
     assert actor.poll() is None
     assert [row["steps"] for row in desk.rows()] == [64 * (i + 1) for i in range(len(desk.rows()))]
 
@@ -159,7 +167,7 @@ def test_learner_actor_and_dashboard_survive_a_killed_learner(desk: Desk) -> Non
     assert workers
     for process in (actor, again):
         process.send_signal(signal.SIGINT)
-        process.wait(timeout=20)
+        process.wait(timeout=PATIENCE)
     desk.wait("end of the workers", lambda: not any(lives(pid) for pid in workers))
     assert "Traceback" not in desk.log(actor) + desk.log(again)
 
@@ -173,7 +181,7 @@ def test_train_replaces_a_killed_actor_and_ctrl_c_leaves_nothing(desk: Desk) -> 
     desk.wait("another actor", lambda: len(desk.rows()) >= count + 4)
     family = descendants(run.pid)
     run.send_signal(signal.SIGINT)
-    assert run.wait(timeout=30) == 130
+    assert run.wait(timeout=PATIENCE) == 130
     desk.wait("end of the family", lambda: not any(lives(pid) for pid in family))
     steps = desk.rows()[-1]["steps"]
     assert (desk.folder / f"runs/a/checkpoints/step-{steps:09d}").is_dir()
@@ -193,7 +201,7 @@ def test_a_closed_terminal_leaves_a_checkpoint_and_no_process(desk: Desk) -> Non
     assert f"runs/a: a learner is still at work there, process {run.pid} on {host} (" in line
     family = descendants(run.pid)
     terminal.close()
-    assert run.wait(timeout=30) == 129
+    assert run.wait(timeout=PATIENCE) == 129
     desk.wait("end of the family", lambda: not any(lives(pid) for pid in family))
     steps = desk.rows()[-1]["steps"]
     assert (desk.folder / f"runs/a/checkpoints/step-{steps:09d}").is_dir()
@@ -207,7 +215,7 @@ def test_nohup_goes_on_without_a_terminal(desk: Desk) -> None:
     count = len(desk.rows())
     desk.wait("going on", lambda: len(desk.rows()) >= count + 2)
     run.send_signal(signal.SIGTERM)
-    assert run.wait(timeout=30) == 143
+    assert run.wait(timeout=PATIENCE) == 143
     log = desk.log(run)
     assert "Traceback" not in log
     assert log.endswith("-m lndrl train small.yaml --serial --run a --resume\n")

@@ -7,6 +7,7 @@ import numpy as np
 from learner.ppo.batch import Batch
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
+from lndrl.navigation.mirror import mirror, mirrored_actions
 
 
 class Lessons:
@@ -21,6 +22,8 @@ class Lessons:
         # Zeros of the system: what has not been filled takes no memory.
         self._seen = Observation.zeros_for(capacity, config)
         self._teacher = np.zeros((capacity, actions), np.float16)
+        self._beams = config.world.laser.beams
+        self._images = mirrored_actions(config) if config.imitation.mirror else None
         self._none = Observation.zeros_for(0, config)
         self._next = 0
         self._count = 0
@@ -41,17 +44,24 @@ class Lessons:
         self._count = min(capacity, self._count + len(rows))
 
     def draw(self, count: int, rng: np.random.Generator) -> Batch:
-        """``count`` states drawn at random, in rounds over all of them; there must be some."""
+        """``count`` states drawn at random, in rounds over all of them; there must be some.
+
+        Every other one is mirrored, where that is wanted.
+        """
         rounds = -(-count // self._count)
         rows = np.concatenate([rng.permutation(self._count) for _ in range(rounds)])[:count]
+        seen, teacher = self._seen.take(rows), self._teacher[rows]
+        if self._images is not None:
+            seen.put(np.s_[::2], mirror(seen.take(np.s_[::2]), self._beams))
+            teacher[::2] = teacher[::2, self._images]
         return Batch(
             trajectories=(),
-            observation=self._seen.take(rows),
+            observation=seen,
             final_observation=self._none,
             action=np.zeros(count, np.int64),
             log_prob=np.zeros(count, np.float32),
             version=np.zeros(count, np.int64),
-            teacher=self._teacher[rows],
+            teacher=teacher,
             taught=np.ones(count, np.float32),
         )
 

@@ -17,13 +17,14 @@ class Stage:
 
     temperature: of the softmax over the teacher's costs. kl: weight of KL(teacher || policy) in
     PPO's loss. drives: share of worlds that the teacher drives. until: steps at which the phase
-    ends; None for the last one.
+    ends; None for the last one. learning_rate: of the policy, where it is not PPO's.
     """
 
     phase: str = REINFORCEMENT
     temperature: float = 1.0
     kl: float = 0.0
     drives: float = 0.0
+    learning_rate: float | None = None
     until: int | None = None
 
     @property
@@ -52,6 +53,8 @@ def stage_of(config: RunConfig, steps: int) -> Stage:
             IMITATION,
             plan.temperature + done * (plan.final_temperature - plan.temperature),
             drives=max(0.0, 1.0 - steps / plan.drive_steps) if plan.drive_steps else 0.0,
+            learning_rate=plan.learning_rate
+            + done * (plan.final_learning_rate - plan.learning_rate),
             until=plan.steps,
         )
     since, end = steps - plan.steps, plan.steps + plan.kl_steps

@@ -188,7 +188,8 @@ class PPO:
     def _imitate(self, batch: Batch, lessons: Lessons) -> dict[str, float]:
         """Train the policy on what it has met so far, the value network on ``batch`` (loaded)."""
         ppo, plan = self.config.ppo, self.config.imitation
-        self.policy_optimizer.rate = plan.learning_rate
+        rate = self._stage.learning_rate or plan.learning_rate
+        self.policy_optimizer.rate = rate
         lessons.add(batch)
         if not len(lessons):
             raise DivergedError("no state of the batch has a label of the teacher")
@@ -221,7 +222,7 @@ class PPO:
             self._each(*calls)
         figures = self._after_epochs()
         figures["explained_variance"] = variance
-        figures["learning_rate"] = plan.learning_rate
+        figures["learning_rate"] = rate
         return figures
 
     def train(

@@ -14,7 +14,8 @@ from typing import Any
 from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.errors import UserError
 from lndrl.evaluation.run_metrics import read_metrics
-from lndrl.evaluation.sweep.processes import RealProcess, free_port, this_program
+from lndrl.evaluation.sweep.processes import RealProcess, this_program
+from lndrl.machine.ports import free_port
 
 CONFIG = REPOSITORY_CONFIGS / "lndrl.yaml"
 WARM_UPDATES = 2

@@ -20,7 +20,8 @@ from typing import Any, TypeVar
 import yaml
 
 from lndrl.chaos.proxy import Proxy
-from lndrl.evaluation.sweep.processes import free_port, this_program
+from lndrl.evaluation.sweep.processes import this_program
+from lndrl.machine.ports import free_port
 from lndrl.numbering import by_number
 
 RUN, SIDE_RUN = "chaos", "side"

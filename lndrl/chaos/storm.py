@@ -36,6 +36,11 @@ from lndrl.transport.zenoh.session import (
 AT_ONCE = 32
 """Sessions that are opened side by side, before the storm begins."""
 
+ANSWER_SECONDS = 5.0
+"""After which a chunk that was not answered is sent again."""
+
+CONNECT_SECONDS = 10.0
+
 
 @dataclass
 class Joiner:
@@ -105,7 +110,7 @@ def storm(endpoint: str, actors: int, seconds: float, ledger: Path) -> StormRepo
 def _connect(endpoint: str, config: TransportConfig, actors: int) -> list[Joiner]:
     def join(number: int) -> Joiner | None:
         try:
-            session = open_connecting(endpoint, config, 10.0)
+            session = open_connecting(endpoint, config, CONNECT_SECONDS)
         except UnreachableError:
             return None
         return Joiner(f"storm-{number:03d}", secrets.token_hex(8), session)
@@ -140,7 +145,7 @@ def _take_welcome(joiner: Joiner, book: Book) -> bool:
 def _send(joiner: Joiner) -> None:
     assert joiner.entry is not None
     key = f"{UPLOAD}/{joiner.actor_id}/{joiner.life}/1"
-    joiner.channel = joiner.session.ask(key, joiner.entry.payload, 5.0)
+    joiner.channel = joiner.session.ask(key, joiner.entry.payload, ANSWER_SECONDS)
 
 
 def _settle(joiners: list[Joiner], book: Book, deadline: float) -> None:

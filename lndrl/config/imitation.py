@@ -36,7 +36,13 @@ class ImitationConfig(Model):
     final_temperature: Positive = Field(
         0.1, description="the same at the end of imitation, and from then on"
     )
-    learning_rate: Positive = Field(5.0e-4, description="Adam's step of the policy meanwhile")
+    mirror: bool = Field(
+        True, description="half of the states are imitated as their mirror images, left for right"
+    )
+    learning_rate: Positive = Field(1.0e-3, description="Adam's step of the policy, at first")
+    final_learning_rate: Positive = Field(
+        1.0e-4, description="the same at the end of imitation; linear in between"
+    )
     kl: NonNegative = Field(
         1.0, description="weight of KL(teacher || policy) in PPO's loss where imitation ends"
     )

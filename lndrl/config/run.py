@@ -81,6 +81,12 @@ class RunConfig(Model):
                 "ppo.teacher careful goes by the belief's variances, and localization perfect has "
                 "none; take predictive, or localization.kind: amcl"
             )
+        turns = self.task.angular_velocities
+        if self.ppo.teacher and self.imitation.mirror and {-w for w in turns} != set(turns):
+            raise ValueError(
+                "imitation.mirror needs task.angular_velocities that go as far left as right; make "
+                "them so, or set imitation.mirror: false"
+            )
         return self
 
     @model_validator(mode="after")

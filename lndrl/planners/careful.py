@@ -54,6 +54,11 @@ class CarefulConfig(PredictiveConfig):
     wait_weight: NonNegative = Field(
         0.0, description="per m/s, times the share of the view that people hide"
     )
+    hears_commands: bool = Field(
+        True,
+        description="false: forgets what it told the robot, so that all it does follows from what "
+        "is seen, as a policy's must",
+    )
 
 
 class CarefulPlanner(PredictivePlanner):
@@ -123,12 +128,14 @@ class CarefulPlanner(PredictivePlanner):
         last = self._commands[rows]
         variance = observation.goal[:, 3:].astype(np.float64).sum(axis=1)
         turning = price_of_turning(np.nan_to_num(variance, nan=0.0, posinf=1e6), p)
-        start = turning[:, None] * p.change_weight * np.abs(w - last[:, -1:, 1])
+        start = np.zeros((len(last), len(w)))
+        if p.hears_commands:
+            start += turning[:, None] * p.change_weight * np.abs(w - last[:, -1:, 1])
         start += p.wait_weight * _hidden_share(observation)[:, None] * np.abs(v)
         start[:, self._stand] += p.stand_weight
         start += p.slow_weight * (v.max() - v)
         goals = observation.goal[:, :2].astype(np.float64)
-        for k in range(1, self._delay + 1):
+        for k in range(1, self._delay + 1 if p.hears_commands else 1):
             goals = moved_on(goals, last[:, k], self._period)
         return self._decide(observation, every, goals, turning, start)
 

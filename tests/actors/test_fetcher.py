@@ -12,6 +12,8 @@ from actors.actor import Actor
 from actors.fetcher import Fetcher
 from lndrl.transport import ActorEndpoint, MemoryNetwork, MessageError
 
+PATIENCE = 60.0  # s, for machines with much else to do
+
 
 class SlowEndpoint:
     """Answers a fetch when told to."""
@@ -23,7 +25,7 @@ class SlowEndpoint:
 
     def fetch(self, version, timeout):
         self.fetches += 1
-        assert self.open.wait(5.0)
+        assert self.open.wait(PATIENCE)
         if isinstance(self.answer, Exception):
             raise self.answer
         return self.answer
@@ -33,7 +35,7 @@ class SlowEndpoint:
 
 
 def wait_for(fetcher: Fetcher, learner: str):
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         taken = fetcher.take(learner)
         if taken is not None:
@@ -44,7 +46,8 @@ def wait_for(fetcher: Fetcher, learner: str):
 
 def ended(fetcher: Fetcher) -> None:
     assert fetcher._thread is not None
-    fetcher._thread.join(5.0)
+    fetcher._thread.join(PATIENCE)
+    assert not fetcher._thread.is_alive()
 
 
 def test_one_fetch_at_a_time_that_nobody_waits_for():
@@ -95,11 +98,11 @@ def test_an_actor_goes_on_with_its_weights_until_newer_ones_are_here(small_confi
     actor = Actor(network.actor(), alone=True)
     assert actor.run_chunk()
     learner.publish(1)
-    actor.endpoint.flush(5.0)
+    actor.endpoint.flush(PATIENCE)
     assert actor.run_chunk(), "asks for version 1 and does not wait for it"
     assert actor._fetcher is not None
     ended(actor._fetcher)
-    actor.endpoint.flush(5.0)
+    actor.endpoint.flush(PATIENCE)
     assert actor.run_chunk()
-    actor.endpoint.flush(5.0)
+    actor.endpoint.flush(PATIENCE)
     assert learner.versions() == [0, 0, 1]

@@ -16,7 +16,7 @@ from actors.fleet import Fleet, run_fleet
 from lndrl.transport import Hello, Security, free_endpoint, open_learner
 from tests.lndrl.transport.security.authority import make_certificates
 
-PATIENCE = 90.0  # s, for machines with much else to do
+PATIENCE = 600.0  # s, for machines with much else to do
 
 
 def wait_for(condition: Callable[[], object], what: str) -> None:
@@ -55,26 +55,32 @@ def test_killed_worker_is_replaced_until_the_run_is_done(learner):
         (first,) = fleet.pids()
         os.kill(first, signal.SIGKILL)
         wait_for(lambda: fleet.poll() is not None or fleet.restarts, "a replacement")
-        before = len(learner.headers)
         wait_for(
             lambda: fleet.poll() is not None or len({h.pid for h in learner.headers}) == 2,
             "a chunk of the replacement",
         )
         (second,) = fleet.pids()
         assert second != first and fleet.restarts == 1
-        newest = learner.headers[-1]
-        assert (newest.worlds, newest.pid) == (1, second)
-        assert len({h.actor_id for h in learner.headers}) == 1, "the place keeps its name"
-        assert len({h.incarnation for h in learner.headers}) == 2
-        assert learner.headers[before].sequence == 1, "numbers begin anew"
+        headers = list(learner.headers)  # what the first one sent may come late
+        assert {h.pid for h in headers} == {first, second}
+        assert {h.worlds for h in headers} == {1}
+        assert len({h.actor_id for h in headers}) == 1, "the place keeps its name"
+        assert len({h.incarnation for h in headers}) == 2
+        replaced = next(h for h in headers if h.pid == second)
+        assert replaced.sequence == 1, "numbers begin anew"
         assert any("SIGKILL" in line for line in lines)
         learner.endpoint.finish()
         wait_for(lambda: fleet.poll() is not None, "the end")
         assert fleet.poll() == 0 and fleet.restarts == 1
+        # Those that are done leave by themselves: nobody is left to be killed.
+        (worker,) = [slot.process for slot in fleet._slots]
+        assert worker is not None
+        worker.join(PATIENCE)
+        assert worker.exitcode == 0
     finally:
         begun = time.monotonic()
         fleet.stop()
-    assert time.monotonic() - begun < 4.0
+    assert time.monotonic() - begun < 30.0
     assert gone(first) and gone(second)
     assert fleet.pids() == []
 
@@ -103,9 +109,10 @@ def test_fleet_grows_and_shrinks_while_it_runs(learner):
         assert other != added and fleet.shrink() == other
         wait_for(lambda: fleet.poll() is not None or fleet.settled(), "the second actor's end")
         assert gone(second) and fleet.pids() == [first]
-        delivered = len(learner.headers)
+        # Of the one that left a window of chunks may still be on its way.
+        delivered = len(learner.headers) + learner.config.transport.upload_window
         wait_for(lambda: len(learner.headers) > delivered + 2, "chunks of the one that is left")
-        assert {h.pid for h in learner.headers[delivered + 1 :]} == {first}
+        assert {h.pid for h in learner.headers[delivered:]} == {first}
         assert fleet.restarts == 0 and not any("another starts" in line for line in lines)
         assert fleet.grow() == added, "the place is free again"
     finally:
@@ -146,7 +153,7 @@ def test_ended_foreground_fleet_leaves_no_process(learner, number):
         wait_for(lambda: process.poll() is not None or learner.headers, "the first chunk")
         send = os.killpg if number in (signal.SIGINT, signal.SIGHUP) else os.kill
         send(process.pid, number)
-        _, errors = process.communicate(timeout=15.0)
+        _, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == (-9 if number == signal.SIGKILL else 0), errors

@@ -98,7 +98,7 @@ def test_training_ends_with_the_actors_sentence(
     command += ["--listen", free_endpoint(), "--trust-modules", module]
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path / 'own'}"}
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
     )
     last = done.stderr.strip().splitlines()[-1]
     assert done.returncode == 2, done.stderr

@@ -12,15 +12,21 @@ from pathlib import Path
 
 import pytest
 
-from lndrl.chaos import monitor
+from lndrl.chaos import monitor, stage
 from lndrl.chaos.fuzz import run_fuzz
 from lndrl.chaos.run import ChaosOptions, run_chaos
 from lndrl.chaos.stage import descendants, lives
 from lndrl.cli.main import run
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE = 300.0
+PATIENCE = 900.0
 KINDS = {"actor_kill", "actor_freeze", "learner_kill", "proxy_cut", "proxy_stall", "proxy_delay"}
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who is asked to leave writes down what became of his samples, however slow the machine."""
+    monkeypatch.setattr(stage, "LEAVE_WITHIN", 120.0)
 
 
 def test_nothing_is_lost_in_a_short_chaos(tmp_path: Path) -> None:
@@ -73,7 +79,10 @@ def test_ctrl_c_leaves_no_process(tmp_path: Path) -> None:
     finally:
         process.kill()
         process.wait()
-    assert not any(lives(pid) for pid in family)
+    deadline = time.monotonic() + PATIENCE
+    while any(lives(pid) for pid in family):  # whoever is killed still takes a moment to end
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
     said = (tmp_path / "log").read_text()
     assert "Traceback" not in said
     again = "-m lndrl chaos --minutes 5 --folder here, with another --folder"

@@ -47,6 +47,13 @@ def connect(proxy: Proxy) -> socket.socket:
     return socket.create_connection(("127.0.0.1", proxy.port), timeout=PATIENCE)
 
 
+def settled(proxy: Proxy) -> None:
+    """Wait until its thread has done what it was told, which it does in order."""
+    done = threading.Event()
+    proxy._call(done.set)
+    assert done.wait(PATIENCE)
+
+
 def receive(connection: socket.socket, size: int) -> bytes:
     data = b""
     while len(data) < size:
@@ -78,7 +85,7 @@ def test_a_stalled_connection_is_silent_and_goes_on(proxy: Proxy) -> None:
         connection.sendall(b"a")
         assert receive(connection, 1) == b"a"
         proxy.stall()
-        time.sleep(0.1)
+        settled(proxy)
         connection.sendall(b"b")
         connection.settimeout(0.5)
         with pytest.raises(TimeoutError):

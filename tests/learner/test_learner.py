@@ -105,13 +105,17 @@ def test_an_update_publishes_the_next_version_and_records(start) -> None:
 def test_the_learners_time_is_all_accounted_for(start) -> None:
     run = start()
     # The checkpoint with which it began counts already.
-    before, begun = sum(run.learner.split.totals().values()), time.monotonic()
+    outer = -time.monotonic()
+    before = sum(run.learner.split.totals().values())
+    inner = -time.monotonic()
     run.update()
     run.learner.checkpoint()
     run.update()
-    spent, wall = run.learner.split.totals(), time.monotonic() - begun
+    inner += time.monotonic()
+    spent = run.learner.split.totals()
+    outer += time.monotonic()
     assert spent["other"] > 0, "what lies between the named activities"
-    assert sum(spent.values()) - before == pytest.approx(wall, rel=0.1)
+    assert inner - 1e-6 <= sum(spent.values()) - before <= outer + 1e-6
 
 
 def test_freed_memory_goes_back_whether_or_not_there_is_a_batch(start, monkeypatch) -> None:
@@ -138,6 +142,7 @@ def test_lag_is_measured_in_versions(start) -> None:
 
 
 def test_a_run_that_waits_for_kernels_says_so(start, monkeypatch) -> None:
+    monkeypatch.setattr("learner.status._SETTLING", 600.0)
     run = start()
     hello = Hello("a-0", "x", "h", 1, 2, VERSION)
     run.learner.ingest.on_hello(hello)
@@ -164,7 +169,8 @@ def test_a_run_that_waits_for_kernels_says_so(start, monkeypatch) -> None:
     assert said.startswith("compiling: 3 of 9 kernels are ready in the learner")
 
 
-def test_the_snapshot_fits_its_schema(start) -> None:
+def test_the_snapshot_fits_its_schema(start, monkeypatch) -> None:
+    monkeypatch.setattr("learner.status._SETTLING", 600.0)
     run = start()
     parse_status(snapshot(run.learner))
     run.update()
@@ -175,7 +181,7 @@ def test_the_snapshot_fits_its_schema(start) -> None:
     assert status.overhead_learner is not None
     assert status.overhead_actor == 0.0 and 0.0 < status.overhead_learner < 1.0
     assert status.verdict == "learning", "too early to say more"
-    run.learner.first_update -= 100.0
+    run.learner.first_update -= 1000.0
     assert parse_status(snapshot(run.learner)).verdict == "balanced"
     assert len(parse_history(run.learner.history)) == 1
     json.dumps(snapshot(run.learner))

@@ -50,7 +50,7 @@ def run(package: Path) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": str(package.parent)}
     return subprocess.run(
         [sys.executable, "-P", "-c", SCRIPT],
-        env=environment, capture_output=True, text=True, timeout=120, cwd=package.parent,
+        env=environment, capture_output=True, text=True, timeout=900, cwd=package.parent,
     )  # fmt: skip
 
 

@@ -101,7 +101,7 @@ def test_the_reward_term_in_a_training_of_processes(example: Any, tmp_path: Path
     # Not in PYTHONPATH: the working folder is enough.
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=1800
     )
     assert done.returncode == 0, done.stderr
     rows = [json.loads(line) for line in Path("runs/r/metrics.jsonl").read_text().splitlines()]

@@ -22,7 +22,7 @@ def run(script: str, **environment: str) -> tuple[str, str]:
     done = subprocess.run(
         [sys.executable, "-c", script],
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
-        capture_output=True, text=True, encoding="utf-8", timeout=600, cwd=ROOT,
+        capture_output=True, text=True, encoding="utf-8", timeout=1800, cwd=ROOT,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout, done.stderr

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
 from lndrl.extensions import PARTS_FOLDER, parts_folder, trusted_modules
 from lndrl.machine.cores import usable_cores
+from lndrl.machine.ports import free_port
 
 
 class Trainer:
@@ -143,10 +143,3 @@ def this_program() -> dict[str, str]:
     # Not in PYTHONPATH, which comes before Python's own modules: a random.py beside the user's
     # parts would stand in for them, and a sitecustomize.py would run unasked.
     return environment | ({PARTS_FOLDER: parts_folder()} if trusted_modules() else {})
-
-
-def free_port() -> int:
-    """A TCP port of the loopback interface that nobody listens on."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import logging
 import re
-import socket
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -19,6 +18,7 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.machine.ports import free_port
 from lndrl.transport.security.exposure import check_hosts, endpoints_of, read_endpoint
 from lndrl.transport.security.identity import Security
 from lndrl.transport.security.identity import settings as settings_of
@@ -172,9 +172,7 @@ def first_answer(channel: Any) -> zenoh.Sample | None:
 
 def free_endpoint(host: str = "127.0.0.1") -> str:
     """An endpoint on a port that is free at this moment."""
-    with socket.socket() as probe:
-        probe.bind((host, 0))
-        return f"tcp/{host}:{probe.getsockname()[1]}"
+    return f"tcp/{host}:{free_port(host)}"
 
 
 def open_listening(

@@ -118,7 +118,7 @@ def test_old_chunks_are_dropped_and_counted() -> None:
 
 
 def test_a_full_queue_makes_the_sender_wait_until_there_is_room() -> None:
-    ingest = make_ingest()
+    ingest = make_ingest(transport={"upload_timeout": 240.0})
     for n in (1, 2):
         send(ingest, sequence=n)
     answers = []
@@ -127,7 +127,7 @@ def test_a_full_queue_makes_the_sender_wait_until_there_is_room() -> None:
     time.sleep(0.2)
     assert not answers
     ingest.take(32, timeout=0.0)
-    sender.join(timeout=5.0)
+    sender.join(timeout=60.0)
     assert answers == ["accepted"]
 
 

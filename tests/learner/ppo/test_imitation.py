@@ -25,7 +25,7 @@ def trainer():
     def make(dense: bool = False, **changes) -> PPO:
         settings = {
             "ppo": {"teacher": "predictive", "entropy": 0.0, **changes.pop("ppo", {})},
-            "imitation": {"learning_rate": 3e-3, **changes.pop("imitation", {})},
+            "imitation": {"learning_rate": 3e-3, "mirror": False, **changes.pop("imitation", {})},
         }
         made.append(PPO(small_config(**settings, **changes), dense))
         return made[-1]

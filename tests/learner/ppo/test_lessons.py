@@ -9,9 +9,10 @@ import numpy as np
 
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.lessons import Lessons
+from lndrl.navigation.mirror import mirrored_actions
 from tests.learner.helpers_learner import random_trajectory, small_config
 
-CONFIG = small_config(ppo={"teacher": "predictive"}, imitation={"memory": 40})
+CONFIG = small_config(ppo={"teacher": "predictive"}, imitation={"memory": 40, "mirror": False})
 
 
 def labelled(first: int, count: int, taught: bool = True) -> Batch:
@@ -64,3 +65,19 @@ def test_the_memory_is_given_back() -> None:
     lessons.add(labelled(0, 8))
     lessons.forget()
     assert len(lessons) == 0 and lessons._seen.scan.nbytes == 0
+
+
+def test_every_other_state_is_mirrored() -> None:
+    """With its label: what costs nothing to the left costs nothing to the right."""
+    config = small_config(ppo={"teacher": "predictive"})
+    images = mirrored_actions(config)
+    assert images is not None
+    lessons, batch = Lessons(config), labelled(1, 10)
+    lessons.add(batch)
+    drawn = lessons.draw(20, np.random.default_rng(1))
+    assert drawn.teacher is not None
+    for i in range(20):
+        number = int(drawn.observation.goal[i, 0])
+        rows = drawn.teacher[i], batch.teacher[number - 1]
+        np.testing.assert_array_equal(rows[0], rows[1][images] if i % 2 == 0 else rows[1])
+    np.testing.assert_array_equal(lessons.draw(4, np.random.default_rng(1)).taught, 1.0)

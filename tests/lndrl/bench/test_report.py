@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import time
 from importlib import util
+from itertools import cycle
 
 import pytest
 from rich.console import Console
@@ -32,27 +33,35 @@ def test_a_device_is_for_those_that_know_devices() -> None:
         report.measure("learner", 1.0, "cuda:63")
 
 
-def test_median_is_of_one_call() -> None:
-    calls = []
+class Timed:
+    """Something to time: each call moves the only clock by the next of these seconds."""
 
-    def call() -> None:
-        calls.append(1)
-        time.sleep(0.002)
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *seconds: float) -> None:
+        self.now, self.calls = 0.0, 0
+        self._seconds = cycle(seconds)
+        monkeypatch.setattr(report, "perf_counter", lambda: self.now)
 
-    seconds = report.median_seconds(call, 0.05, repetitions=5)
-    assert 0.002 <= seconds < 0.02
-    assert 7 <= len(calls) <= 27
+    def __call__(self) -> None:
+        self.now += next(self._seconds)
+        self.calls += 1
 
 
-def test_a_slow_call_is_still_repeated() -> None:
-    calls: list[int] = []
+def test_median_is_of_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    call = Timed(monkeypatch, 0.125)
+    assert report.median_seconds(call, 5.0, repetitions=5) == 0.125
+    assert call.calls == 1 + 1 + 5 * 8
+    call = Timed(monkeypatch, 1.0, 1.0, 5.0, 2.0, 3.0)
+    assert report.median_seconds(call, 3.0, repetitions=3) == 3.0
 
-    def call() -> None:
-        calls.append(1)
-        time.sleep(0.001)
 
+def test_a_slow_call_is_still_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    call = Timed(monkeypatch, 0.001)
     report.median_seconds(call, 1e-6, repetitions=3)
-    assert len(calls) == 5
+    assert call.calls == 5
+
+
+def test_a_median_is_measured_by_the_real_clock() -> None:
+    assert report.median_seconds(lambda: time.sleep(0.002), 0.05) >= 0.002
 
 
 def test_machine_says_what_the_figures_depend_on() -> None:

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from lndrl.bench import tls
+from lndrl.bench import tls, training
 from lndrl.bench.tls import Paused, Turn, alternate, figures
 from lndrl.bench.training import Training
 from lndrl.chaos.stage import descendants, lives
@@ -76,6 +76,7 @@ def test_two_trainings_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = tls._settings()
     monkeypatch.setattr(tls, "_settings", lambda: [*settings, "--set", *SMALL])
     monkeypatch.setattr(tls, "_TURN", 0.5)
+    monkeypatch.setattr(training, "_STARTUP", 1800.0)  # s; compiling on a busy machine takes long
     before = descendants(os.getpid())
     found = tls.measure(0.05)
     # The first stands still while the second starts, which outlasts a usual lease.

@@ -69,7 +69,7 @@ def output_of(locale: dict[str, str], terminal: bool, folder: Path) -> tuple[int
     command = [sys.executable, "-c", SCRIPT]
     if not terminal:
         done = subprocess.run(
-            command, env=environment, capture_output=True, timeout=120, cwd=folder
+            command, env=environment, capture_output=True, timeout=600, cwd=folder
         )
         return done.returncode, done.stdout + done.stderr
     ours, theirs = pty.openpty()
@@ -121,6 +121,6 @@ assert load_config(Path("run/config.yaml")).scenario.description == "\\u03c3"
         done = subprocess.run(
             [sys.executable, "-c", script],
             env={**kept, **locale, "PYTHONPATH": str(ROOT)},
-            capture_output=True, text=True, encoding="utf-8", timeout=60, cwd=folder,
+            capture_output=True, text=True, encoding="utf-8", timeout=600, cwd=folder,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr

@@ -237,7 +237,7 @@ def test_signals_end_a_process_without_a_traceback(number: int, code: int) -> No
         "from lndrl.cli import main\n"
         "def version() -> None:\n"
         "    print('ready', flush=True)\n"
-        "    time.sleep(60)\n"
+        "    time.sleep(600)\n"
         "sys.modules['lndrl.cli.version'] = types.SimpleNamespace(version=version)\n"
         "sys.argv = ['lndrl', 'version']\n"
         "main.main()\n"
@@ -252,6 +252,6 @@ def test_signals_end_a_process_without_a_traceback(number: int, code: int) -> No
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     os.kill(process.pid, number)
-    _, error = process.communicate(timeout=20)
+    _, error = process.communicate(timeout=120)
     assert process.returncode == code
     assert "Traceback" not in error

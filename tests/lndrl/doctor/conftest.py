@@ -9,7 +9,7 @@ import pytest
 
 from lndrl.doctor import diagnosis, permissions, probes
 from lndrl.transport.security.certificates import create
-from tests.lndrl.doctor.examined import learner, mutual
+from tests.lndrl.doctor.examined import PATIENCE, learner, mutual
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +44,23 @@ def standing(folder: Path) -> Iterator[str]:
         yield endpoint
 
 
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long waits for what comes: the machine may have much else to do."""
+    for room, name in (
+        (permissions, "ANSWER_SECONDS"),
+        (permissions, "UPLOAD_SECONDS"),
+        (permissions, "HEARING_SECONDS"),
+        (diagnosis, "ANSWER_SECONDS"),
+        (diagnosis, "TLS_SECONDS"),
+        (probes, "REFUSAL_SECONDS"),
+    ):
+        monkeypatch.setattr(room, name, PATIENCE)
+
+
 @pytest.fixture
-def brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Short waits for what does not come."""
-    monkeypatch.setattr(permissions, "HEARING_SECONDS", 0.7)
+def brief(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Short waits for what does not come; what is published comes ten times a second."""
+    monkeypatch.setattr(permissions, "HEARING_SECONDS", 3.0)
     monkeypatch.setattr(diagnosis, "TLS_SECONDS", 0.3)
     monkeypatch.setattr(probes, "REFUSAL_SECONDS", 0.1)

@@ -23,6 +23,7 @@ from lndrl.transport.messages import encode
 from lndrl.transport.zenoh.session import open_session
 from lndrl.version import VERSION
 
+PATIENCE = 60.0  # s, for machines with much else to do
 PONG = {"program_version": VERSION, "protocol": PROTOCOL_VERSION, "run_id": "first"}
 NEWS = encode(WeightsAnnouncement(3, 10, "00000000", "one"))
 TLS = "transport/link/tls"
@@ -81,7 +82,7 @@ def learner(
             "scouting/delay": 0,
             **(settings or {}),
         },
-        30,
+        PATIENCE,
     )
     replies: dict[str, bytes | None] = dict.fromkeys(ALL_KEYS, b"here")
     replies |= {PING: json.dumps(PONG).encode(), ANNOUNCE: NEWS} | (answers or {})
@@ -116,7 +117,7 @@ def learner(
 
 def examine(endpoint: str, **given: Any) -> dict[str, Check]:
     """The checks by name; none comes twice."""
-    checks = list(diagnose(Target(endpoint, **given)))
+    checks = list(diagnose(Target(endpoint, **{"timeout": PATIENCE, **given})))
     found = {check.name: check for check in checks}
     assert len(found) == len(checks)
     assert all(check.text and "\n" not in check.text for check in checks)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.doctor import diagnosis as doctor
+from lndrl.doctor import permissions
 from lndrl.doctor.diagnosis import Target, diagnose
 from lndrl.doctor.permissions import OPERATIONS
 from lndrl.doctor.probes import Address, Check, check_name, check_port, parse_address
@@ -29,6 +31,7 @@ from lndrl.transport.zenoh.session import open_session
 from lndrl.version import VERSION
 from tests.lndrl.doctor.examined import (
     ALL_KEYS,
+    PATIENCE,
     PONG,
     access,
     examine,
@@ -79,7 +82,7 @@ def test_zenoh_cannot_use_ipv6_addresses_over_tls(folder: Path) -> None:
 
 
 def test_unknown_names_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    checks = examine("tcp/no.such.host.invalid:7447", timeout=20.0)
+    checks = examine("tcp/no.such.host.invalid:7447")
     assert failed(checks) == ["name"]
     assert checks["name"].text.startswith("the host name no.such.host.invalid is unknown")
     assert checks["tcp"].state == checks["session"].state == "skipped"
@@ -141,7 +144,9 @@ def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> Non
     assert checks["learner: publish"].state == "skipped"
 
 
-def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
+def test_a_real_learner_refuses_the_empty_messages_and_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The doctor's questions are answered; the learner only hears of an unreadable upload."""
     config = TransportConfig(endpoint=free_endpoint())
     endpoint = open_learner(config)
@@ -167,6 +172,7 @@ def test_a_real_learner_refuses_the_empty_messages_and_goes_on() -> None:
         endpoint.publish_status({}, [])
         checks = examine(config.endpoint, role="actor")
         assert {check.state for check in checks.values()} == {"ok"}
+        monkeypatch.setattr(permissions, "HEARING_SECONDS", 0.0)  # only one was published
         assert examine(config.endpoint, role="dashboard")["dashboard: status"].state == "ok"
         # The question for weights must not fetch megabytes of them.
         assert endpoint._payload is None
@@ -308,6 +314,9 @@ def test_no_threads_and_no_sessions_stay(
     monkeypatch.setattr(doctor, "_connect", remember)
     before = threading.active_count()
     examine(standing, certificates=folder)
+    deadline = time.monotonic() + PATIENCE
+    while threading.active_count() > before and time.monotonic() < deadline:
+        time.sleep(0.01)
     assert threading.active_count() <= before
     assert [session.closing for session in sessions] == [True] * 3
 

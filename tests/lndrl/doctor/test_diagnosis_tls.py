@@ -109,7 +109,7 @@ def test_another_name_is_told_with_the_right_ones(folder: Path, ours: Path) -> N
 
 @pytest.mark.parametrize("role", ["actor", "learner"])
 def test_a_certificate_under_another_files_name_is_told(
-    role: str, folder: Path, standing: str, ours: Path
+    role: str, folder: Path, standing: str, ours: Path, brief: None
 ) -> None:
     for kind in ("pem", "key"):
         (ours / f"{role}.{kind}").write_bytes((ours / f"dashboard.{kind}").read_bytes())

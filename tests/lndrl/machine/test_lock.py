@@ -23,10 +23,10 @@ import subprocess, sys, time
 from pathlib import Path
 from lndrl.machine.lock import FolderLock
 lock = FolderLock(Path(sys.argv[1]), "a learner", "stop it", patience=0.0)
-command = [sys.executable, "-c", "import time; time.sleep(60)"]
+command = [sys.executable, "-c", "import time; time.sleep(600)"]
 child = subprocess.Popen(command, pass_fds=[lock.fileno()] if sys.argv[2:] else [])
 print(child.pid, flush=True)
-time.sleep(60)
+time.sleep(600)
 """
 Holder = tuple["subprocess.Popen[str]", int]
 
@@ -86,7 +86,7 @@ def test_a_child_that_was_given_it_holds_it_as_well(tmp_path: Path, holders: lis
     with pytest.raises(UserError, match="still at work there"):
         take(tmp_path)
     os.kill(child, signal.SIGKILL)
-    take(tmp_path, patience=10.0).release()
+    take(tmp_path, patience=60.0).release()
 
 
 def test_one_process_cannot_take_it_twice(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from lndrl.cli.signals import stop_on_signals
 with stop_on_signals("a checkpoint") as stop:
     print("ready", flush=True)
     try:
-        stop.wait(60)
+        stop.wait(600)
         print("stopping", flush=True)
         while not select.select([sys.stdin], [], [], 0.05)[0]:
             pass
@@ -92,13 +92,13 @@ def test_a_closed_terminal_is_no_impatience(
             process.send_signal(number)
             time.sleep(0.1)  # two that wait to be delivered would be one
         # On a busy machine they may have been one all the same.
-        while end == "at once" and not select.select([process.stdout], [], [], 0.5)[0]:
+        while end == "at once" and not select.select([process.stdout], [], [], 10.0)[0]:
             process.send_signal(numbers[-1])
         if end == "left":
             process.stdin.write("\n")
             process.stdin.flush()
         assert lines(process, 1) == [end]
-        assert process.wait(20) == code
+        assert process.wait(60) == code
 
 
 def test_what_nohup_ignores_stays_ignored() -> None:

@@ -28,6 +28,7 @@ from lndrl.transport import (
     open_viewer,
 )
 
+PATIENCE = 60.0  # s, for machines with much else to do
 HELLO = Hello("actor-0", "first", "here", 1, 8, "0.1")
 
 
@@ -66,7 +67,7 @@ class Setup:
     def __init__(self, kind: str) -> None:
         self.kind = kind
         self.config = TransportConfig(
-            endpoint=free_endpoint(), upload_timeout=0.8, upload_window=2, lease=2.0
+            endpoint=free_endpoint(), upload_timeout=20.0, upload_window=2, lease=10.0
         )
         self.network = MemoryNetwork(self.config)
         self.open: list = []
@@ -104,7 +105,7 @@ def chunk(sequence: int, fill: int = 0) -> tuple[ChunkHeader, dict]:
     return header, {"scan": np.full((4, 720), fill, np.uint16), "reward": np.ones(4, np.float32)}
 
 
-def eventually(condition: Callable[[], bool], seconds: float = 8.0) -> bool:
+def eventually(condition: Callable[[], bool], seconds: float = PATIENCE) -> bool:
     deadline = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > deadline:
@@ -115,7 +116,7 @@ def eventually(condition: Callable[[], bool], seconds: float = 8.0) -> bool:
 
 def test_hello_is_welcomed_with_config_and_incarnation(setup):
     learner = setup.learner(handlers := RecordingHandlers())
-    welcome = setup.actor().hello(HELLO, timeout=5)
+    welcome = setup.actor().hello(HELLO, timeout=PATIENCE)
     assert handlers.hellos == [HELLO]
     assert welcome.run_id == "run-1"
     assert welcome.config == {"seed": 7, "nested": {"a": [1, 2]}}
@@ -126,9 +127,9 @@ def test_hello_is_welcomed_with_config_and_incarnation(setup):
 def test_refusals_are_sentences(setup):
     setup.learner(handlers := RecordingHandlers())
     with pytest.raises(UserError, match="banned actors may not join"):
-        setup.actor().hello(dataclasses.replace(HELLO, actor_id="banned"), timeout=5)
+        setup.actor().hello(dataclasses.replace(HELLO, actor_id="banned"), timeout=PATIENCE)
     with pytest.raises(UserError, match="speaks protocol 1, this actor 99"):
-        setup.actor().hello(dataclasses.replace(HELLO, protocol=99), timeout=5)
+        setup.actor().hello(dataclasses.replace(HELLO, protocol=99), timeout=PATIENCE)
     assert len(handlers.hellos) == 1
 
 
@@ -138,7 +139,7 @@ def test_without_a_learner_hello_says_so_in_time(setup):
         setup.actor().hello(HELLO, timeout=0.5)
     with pytest.raises(UserError):
         setup.viewer().status(timeout=0.5)
-    assert time.monotonic() - start < 4
+    assert time.monotonic() - start < 10, "not what is waited by default"
 
 
 def test_uploads_arrive_in_order_once_and_are_acked(setup):
@@ -146,11 +147,11 @@ def test_uploads_arrive_in_order_once_and_are_acked(setup):
     actor = setup.actor()
     with pytest.raises(RuntimeError, match="hello"):
         actor.upload(*chunk(1))
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     learner.publish_weights(4, b"four")
     for sequence in range(1, 21):
         actor.upload(*chunk(sequence, fill=sequence))
-    assert actor.flush(5)
+    assert actor.flush(PATIENCE)
     assert handlers.sequences() == list(range(1, 21))
     acks = actor.acks()
     assert [ack.status for ack in acks] == ["accepted"] * 20
@@ -172,11 +173,11 @@ def test_final_answers_settle_and_done_is_told(setup):
         statuses[header.sequence], reason="because", done=header.sequence == 3
     )
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     for sequence in range(4):
         assert not actor.done()
         actor.upload(*chunk(sequence))
-        assert actor.flush(5)
+        assert actor.flush(PATIENCE)
     assert [(ack.status, ack.reason) for ack in actor.acks()] == [(s, "because") for s in statuses]
     assert actor.done()
     assert handlers.sequences() == [0, 1, 2, 3]
@@ -186,9 +187,9 @@ def test_pause_sends_the_same_sequence_again(setup):
     setup.learner(handlers := RecordingHandlers())
     handlers.answer = lambda header: Ack("pause" if len(handlers.chunks) < 3 else "accepted")
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     actor.upload(*chunk(1))
-    assert actor.flush(5)
+    assert actor.flush(PATIENCE)
     assert handlers.sequences() == [1, 1, 1]
     assert [ack.status for ack in actor.acks()] == ["accepted"]
 
@@ -203,10 +204,10 @@ def test_a_failing_handler_refuses_and_lives_on(setup):
 
     handlers.answer = answer
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     actor.upload(*chunk(1))
     actor.upload(*chunk(2))
-    assert actor.flush(5)
+    assert actor.flush(PATIENCE)
     assert sorted(ack.status for ack in actor.acks()) == ["accepted", "refused"]
 
 
@@ -220,7 +221,7 @@ def test_a_slow_learner_holds_the_actor_back(setup):
 
     handlers.answer = wait_for_gate
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     sent = []
 
     def send() -> None:
@@ -234,9 +235,9 @@ def test_a_slow_learner_holds_the_actor_back(setup):
     assert len(sent) <= 2
     for _ in range(30):
         gate.release()
-    thread.join(5)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
-    assert actor.flush(5)
+    assert actor.flush(PATIENCE)
     assert len(actor.acks()) == 6
     assert set(handlers.sequences()) == set(range(6))
 
@@ -245,38 +246,42 @@ def test_other_questions_are_answered_while_an_upload_stalls(setup):
     learner = setup.learner(handlers := RecordingHandlers())
     learner.publish_status({"steps": 5}, [])
     learner.publish_weights(1, b"one")
-    gate = threading.Event()
-    handlers.answer = lambda header: (gate.wait(10), Ack("accepted"))[1]
+    gate, answered = threading.Event(), threading.Event()
+
+    def stall(header: ChunkHeader) -> Ack:
+        gate.wait(5 * PATIENCE)
+        answered.set()
+        return Ack("accepted")
+
+    handlers.answer = stall
     actor, viewer, other = setup.actor(), setup.viewer(), setup.actor()
-    actor.hello(HELLO, timeout=5)
-    viewer.status(timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
+    viewer.status(timeout=PATIENCE)
     thread = threading.Thread(target=actor.upload, args=chunk(1))
     thread.start()
     assert eventually(lambda: bool(handlers.chunks))
-    start = time.monotonic()
-    assert viewer.status(timeout=5)["snapshot"] == {"steps": 5}
-    assert actor.fetch(timeout=5) == (1, b"one")
-    other.hello(dataclasses.replace(HELLO, actor_id="actor-1"), timeout=5)
-    took = time.monotonic() - start
-    assert not gate.is_set()
+    assert viewer.status(timeout=PATIENCE)["snapshot"] == {"steps": 5}
+    assert actor.fetch(timeout=PATIENCE) == (1, b"one")
+    other.hello(dataclasses.replace(HELLO, actor_id="actor-1"), timeout=PATIENCE)
+    assert not answered.is_set()
     gate.set()
-    thread.join(5)
-    assert actor.flush(5)
-    assert took < 2
+    thread.join(PATIENCE)
+    assert actor.flush(PATIENCE)
+    assert answered.is_set()
 
 
 def test_the_last_two_versions_can_be_fetched(setup):
     learner = setup.learner(RecordingHandlers())
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     with pytest.raises(TimeoutError):
         actor.fetch(timeout=0.3)
     for version in range(3):
         learner.publish_weights(version, bytes([version]) * 100_000)
-    assert actor.fetch(timeout=5) == (2, b"\x02" * 100_000)
-    assert actor.fetch(1, timeout=5) == (1, b"\x01" * 100_000)
+    assert actor.fetch(timeout=PATIENCE) == (2, b"\x02" * 100_000)
+    assert actor.fetch(1, timeout=PATIENCE) == (1, b"\x01" * 100_000)
     with pytest.raises(WeightsGoneError):
-        actor.fetch(0, timeout=5)
+        actor.fetch(0, timeout=PATIENCE)
     with pytest.raises(TimeoutError):
         actor.fetch(3, timeout=0.3)
     with pytest.raises(ValueError, match="older"):
@@ -286,34 +291,34 @@ def test_the_last_two_versions_can_be_fetched(setup):
 def test_weights_are_announced_also_to_late_joiners(setup):
     learner = setup.learner(RecordingHandlers())
     early = setup.actor()
-    early.hello(HELLO, timeout=5)
+    early.hello(HELLO, timeout=PATIENCE)
     assert early.newest() == (NO_WEIGHTS, learner.incarnation)
     assert not early.wait_newer(NO_WEIGHTS, 0.0)
     learner.publish_weights(5, b"five")
-    assert early.wait_newer(NO_WEIGHTS, 5)
+    assert early.wait_newer(NO_WEIGHTS, PATIENCE)
     assert early.newest() == (5, learner.incarnation)
     late = setup.actor()
-    late.hello(dataclasses.replace(HELLO, actor_id="late"), timeout=5)
+    late.hello(dataclasses.replace(HELLO, actor_id="late"), timeout=PATIENCE)
     assert late.newest() == (5, learner.incarnation)
-    assert late.fetch(timeout=5) == (5, b"five")
+    assert late.fetch(timeout=PATIENCE) == (5, b"five")
 
 
 def test_finish_reaches_idle_actors(setup):
     learner = setup.learner(RecordingHandlers())
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     learner.finish()
-    assert actor.wait_newer(NO_WEIGHTS, 5)
+    assert actor.wait_newer(NO_WEIGHTS, PATIENCE)
     assert actor.done()
     actor.upload(*chunk(1))
-    assert actor.flush(5)
+    assert actor.flush(PATIENCE)
     assert [ack.done for ack in actor.acks()] == [True]
 
 
 def test_members_come_and_go(setup):
     setup.learner(handlers := RecordingHandlers())
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     assert eventually(lambda: ("actor-0", "first", True) in handlers.members)
     actor.close()
     assert eventually(lambda: handlers.members[-1] == ("actor-0", "first", False))
@@ -327,7 +332,7 @@ def test_viewers_query_and_stream(setup):
     learner.publish_status(
         {"steps": np.int64(1), "kl": float("nan"), "lag": np.float32("inf")}, [{"rate": 2.5}]
     )
-    assert viewer.status(timeout=5) == {
+    assert viewer.status(timeout=PATIENCE) == {
         "snapshot": {"steps": 1, "kl": None, "lag": None},
         "history": [{"rate": 2.5}],
     }
@@ -339,22 +344,22 @@ def test_viewers_query_and_stream(setup):
     thread = threading.Thread(target=watch)
     thread.start()
     assert eventually(lambda: None in seen)
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + PATIENCE
     while {"steps": 2} not in seen and time.monotonic() < deadline:
         learner.publish_status({"steps": 2}, [])
         time.sleep(0.05)
     assert {"steps": 2} in seen
     viewer.close()
-    thread.join(2)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
 def test_a_restarted_learner_gets_what_was_pending(setup):
     old = setup.learner(RecordingHandlers())
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     old.publish_weights(9, b"nine")
-    assert actor.wait_newer(NO_WEIGHTS, 5)
+    assert actor.wait_newer(NO_WEIGHTS, PATIENCE)
     old.close()
     actor.upload(*chunk(1))
     assert not actor.flush(0.1)
@@ -362,7 +367,7 @@ def test_a_restarted_learner_gets_what_was_pending(setup):
     with pytest.raises(TimeoutError):
         actor.upload(*chunk(3), timeout=0.1)
     assert actor.pending() == 2
-    assert 0.1 < actor.silence() < 10
+    assert 0.1 < actor.silence() < PATIENCE
 
     handlers = RecordingHandlers()
     handlers.answer = lambda header: (
@@ -375,12 +380,12 @@ def test_a_restarted_learner_gets_what_was_pending(setup):
     actor.upload(*chunk(3))  # does not block: only this thread can say hello
     with pytest.raises(RuntimeError, match="hello"):
         actor.upload(*chunk(4))
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     assert not actor.needs_hello()
-    assert actor.flush(8)
+    assert actor.flush(PATIENCE)
     assert set(handlers.sequences()) == {1, 2, 3}
     assert [ack.status for ack in actor.acks()] == ["accepted"] * 3
-    assert actor.silence() < 5
+    assert actor.silence() < PATIENCE
     assert actor.newest() == (3, new.incarnation)
     assert actor.pending() == 0
 
@@ -389,11 +394,11 @@ def test_waiting_ends_when_another_learner_appears(setup):
     old = setup.learner(RecordingHandlers())
     old.publish_weights(2, b"two")
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     old.close()
     new = setup.learner(RecordingHandlers())
     new.publish_weights(2, b"again")
-    assert actor.wait_newer(2, 8)
+    assert actor.wait_newer(2, PATIENCE)
     assert actor.needs_hello()
     assert actor.newest() == (2, new.incarnation)
 
@@ -401,7 +406,7 @@ def test_waiting_ends_when_another_learner_appears(setup):
 def test_closing_twice_and_uploading_afterwards(setup):
     setup.learner(RecordingHandlers())
     actor = setup.actor()
-    actor.hello(HELLO, timeout=5)
+    actor.hello(HELLO, timeout=PATIENCE)
     actor.close()
     actor.close()
     with pytest.raises(RuntimeError, match="closed"):

@@ -55,7 +55,7 @@ class Room:
         idle = not got
         if idle:
             self.queue.close()
-            thread.join(5.0)
+            thread.join(60.0)
         return idle
 
 
@@ -176,7 +176,7 @@ def test_closing_wakes_whoever_waits_and_later_uploads_are_left():
     thread = threading.Thread(target=lambda: got.append(room.queue.get()))
     thread.start()
     room.queue.close()
-    thread.join(5.0)
+    thread.join(60.0)
     assert not thread.is_alive() and got[-1] is None
     assert room.put("a").dropped
     assert not room.queue._strangers

@@ -30,6 +30,7 @@ from lndrl.transport.zenoh.session import (
 )
 from tests.lndrl.transport.security.authority import make_certificates
 
+PATIENCE = 60.0  # s, for machines with much else to do
 ANYTHING = "lndrl/**"
 PASSWORDS = {"actor": "walks:far", "actor-lab3": "walks near", "dashboard": "sees", "learner": "l"}
 
@@ -69,7 +70,7 @@ class Site:
             self.users.write_text("".join(lines))
         address = free_endpoint().removeprefix("tcp")
         endpoint = ("tls" if kind in ("tls", "both") else "tcp") + address
-        self.config = TransportConfig(endpoint=endpoint, lease=2.0, upload_timeout=5.0, **changes)
+        self.config = TransportConfig(endpoint=endpoint, lease=10.0, upload_timeout=20.0, **changes)
         self.handlers = Handlers()
         self.open: list[Any] = []
 
@@ -96,7 +97,7 @@ class Site:
 
     def session(self, role: str, user: str | None = None, **changes: Any) -> ZenohSession:
         security = self.security(role, user, **changes)
-        session = open_connecting(self.config.endpoint, self.config, 10, security)
+        session = open_connecting(self.config.endpoint, self.config, PATIENCE, security)
         self.open.append(session)
         return session
 
@@ -105,7 +106,7 @@ class Site:
             one.close()
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 20.0) -> bool:
+def wait_until(condition: Callable[[], bool], seconds: float = PATIENCE) -> bool:
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.01)

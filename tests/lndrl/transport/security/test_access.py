@@ -17,7 +17,7 @@ from lndrl.transport.security.access import (
     allowed,
 )
 from lndrl.transport.security.identity import settings
-from tests.lndrl.transport.security.sites import ANYTHING, Site, Watcher
+from tests.lndrl.transport.security.sites import ANYTHING, PATIENCE, Site, Watcher
 
 KEYS = (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, PING, EVERY_ACTOR, ANYTHING)
 ACTIONS = ("ask", "answer", "hear", "say", "delete", "appear", "watch")
@@ -93,7 +93,7 @@ def guarded(request, tmp_path_factory) -> Iterator[tuple[Watcher, dict[str, zeno
 def unguarded(tmp_path_factory) -> Iterator[tuple[Watcher, zenoh.Session]]:
     site = Site("open", tmp_path_factory.mktemp("unguarded"))
     try:
-        yield Watcher(site.learner()._session.zenoh, 20.0), site.session("actor").zenoh
+        yield Watcher(site.learner()._session.zenoh, PATIENCE), site.session("actor").zenoh
     finally:
         site.close()
 
