@@ -12,11 +12,12 @@ import numpy as np
 from learner.intake.accounts import Accounts
 from learner.intake.ingest import Chunk, Ingest
 from learner.intake.ledger import Ledger
-from learner.intake.limits import check_messages
+from learner.intake.limits import check_messages, check_queue
 from learner.intake.roster import Roster
 from learner.memory import MemoryTide, keep_freed_memory
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.rollout_store import RolloutStore
+from learner.ppo.schedules import batch_size
 from learner.ppo.stage import Stage, stage_of
 from learner.ppo.update import PPO, DivergedError
 from learner.run.checkpoint import (
@@ -70,6 +71,7 @@ class Learner:
         self.endpoint = endpoint
         self.ppo = PPO(config)
         check_messages(config, len(to_bytes(self.ppo.policy)), endpoint.largest_message)
+        check_queue(config)
         self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
         self.roster = Roster()
         self.counters = Counters()
@@ -187,7 +189,12 @@ class Learner:
     def _collect(self, timeout: float) -> list[Chunk] | None:
         if self.config.learner.mode == "lockstep":
             return self.ingest.take_round(self.config.fixed_actors, timeout)
-        return self.ingest.take(self.config.ppo.batch_size, timeout)
+        return self.ingest.take(batch_size(self.config.ppo, self._progress), timeout)
+
+    @property
+    def _progress(self) -> float:
+        """Share of the run's steps that are done, for all that changes over a run."""
+        return min(1.0, self.counters.steps / self.config.learner.total_steps)
 
     def _announce(self, where: str) -> None:
         """Say what begins ``where``, and what whoever runs it should know."""
@@ -238,9 +245,8 @@ class Learner:
     def _update(self, batch: Batch, chunks: list[Chunk]) -> bool:
         """Learn from ``chunks``, or drop them where the update diverges; whether it learned."""
         lag = np.maximum(self.counters.version - batch.version, 0)
-        progress = min(1.0, self.counters.steps / self.config.learner.total_steps)
         try:
-            self.figures = self.ppo.update(batch, progress, self.stage)
+            self.figures = self.ppo.update(batch, self._progress, self.stage)
         except DivergedError as error:
             self._diverged(chunks, error)
             return False
@@ -278,7 +284,7 @@ class Learner:
         if self.config.ppo.teacher is not None and stage.phase != self._phase:
             self._phase = stage.phase
             self.events.add("phase", stage.words(self.config))
-        blob = to_bytes(self.ppo.policy, stage.guidance.to_metadata())
+        blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
         self.endpoint.publish_weights(self.counters.version, blob)
 
     def _record(self, chunks: list[Chunk], seconds: float) -> None:

@@ -30,6 +30,7 @@ class Stream(IntEnum):
     ODOMETRY = 3
     LOCALIZATION = 4
     POLICY = 5
+    SETTINGS = 6  # what ``randomize`` draws of an episode
 
 
 def stream_state(seed: int, *path: int) -> State:
@@ -45,7 +46,7 @@ def episode_states(seed: int, world_id: int, episode: int) -> State:
     """States of all streams of an episode, ``uint64[len(Stream), 4]``, row by ``Stream``.
 
     The same for the same three numbers, whatever else runs; one mixing for all streams, because
-    episodes start often.
+    episodes start often. A stream that is added at the end leaves the others as they were.
     """
     sequence = np.random.SeedSequence(seed, spawn_key=(int(world_id), int(episode)))
     words = sequence.generate_state(4 * len(Stream), np.uint64)

@@ -53,6 +53,7 @@ class Ingest:
         self.events = events
         self.accounts = accounts or Accounts()
         self.weights_version = 0
+        self.batch_size = config.ppo.batch_size  # samples of the next update
         self.newest_version = 0  # of all that were ever published; a crash may have undone some
         self.done = False
         self.shut = False
@@ -146,9 +147,13 @@ class Ingest:
     def take(self, samples: int, timeout: float) -> list[Chunk] | None:
         """The oldest chunks that together hold ``samples``, or None after ``timeout`` s.
 
-        Chunks older than ``max_lag`` weight versions are dropped and counted as stale.
+        Chunks older than ``max_lag`` weight versions are dropped and counted as stale. From now on
+        there is room for so many.
         """
         with self._changed:
+            if samples != self.batch_size:
+                self.batch_size = samples
+                self._changed.notify_all()  # who waits for room may find some
             self._drop_stale()
             self._changed.wait_for(lambda: self._queue.samples >= samples or self.done, timeout)
             self._drop_stale()
@@ -224,11 +229,13 @@ class Ingest:
         if learner.mode == "lockstep":
             # An honest actor waits for weights by itself.
             return self._queue.of(actor_id) <= self.config.transport.upload_window
+        # A batch that has grown is made of as many chunks more, and all of them must find room.
+        growth = max(1.0, self.batch_size / self.config.ppo.batch_size)
         # More than one batch in waiting would only grow old there.
-        return self._queue.samples < self.config.ppo.batch_size and (
+        return self._queue.samples < self.batch_size and (
             not len(self._queue)
             or (
-                len(self._queue) < learner.queue_chunks
+                len(self._queue) < growth * learner.queue_chunks
                 and self._queue.bytes + size <= learner.queue_megabytes * 1e6
             )
         )

@@ -6,6 +6,8 @@ knows both sides says it first: the learner when it starts, and to an actor that
 
 from __future__ import annotations
 
+import math
+
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.navigation.trajectory import most_bytes
@@ -36,6 +38,25 @@ def check_messages(config: RunConfig, weights: int, largest: int) -> None:
             f"the configuration takes {welcome / _MEBIBYTE:.3g} MiB with the map in it, and actors"
             f" receive {DEFAULT_LIMITS.max_head_bytes / _MEBIBYTE:.3g}; crop the map or give it a"
             " coarser resolution"
+        )
+
+
+def check_queue(config: RunConfig) -> None:
+    """Raises UserError where a batch that has grown may not find room in the queue: the learner
+    would wait for ever for what it does not let in.
+    """
+    final = config.ppo.batch_size_final
+    if final is None:
+        return
+    horizon = config.actor.horizon
+    chunks = -(-final // horizon)  # of one world each, which have the most finals beside them
+    # People lie unpacked beside the message, see ``memory_of``.
+    megabytes = 2 * chunks * most_bytes(config, 1) / 1e6
+    if megabytes > config.learner.queue_megabytes:
+        raise UserError(
+            f"learner.queue_megabytes {config.learner.queue_megabytes} may not hold a batch of "
+            f"ppo.batch_size_final {final:,} samples, which take up to {math.ceil(megabytes)}; "
+            "raise it or lower batch_size_final"
         )
 
 

@@ -33,7 +33,7 @@ def policy_loss(
     advantage: Tensor,
     clip: float,
     dual_clip: float | None,
-    entropy_weight: float,
+    entropy_weight: float | Tensor,
     max_importance: float,
 ) -> PolicyLoss:
     """Clipped surrogate around the proximal policy, weighted back to the behaviour policy.

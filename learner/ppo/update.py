@@ -17,11 +17,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from learner.ppo.average import Average
 from learner.ppo.batch import Batch, batch_advantages
 from learner.ppo.lessons import Lessons
 from learner.ppo.losses import explained_variance, policy_loss, teacher_divergence, value_loss
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
+from learner.ppo.schedules import entropy_weight
 from learner.ppo.stage import IMITATION, Stage
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
@@ -53,6 +55,7 @@ class PPO:
 
     Attributes:
         policy, value: the two networks.
+        average: the policy's averaged weights; None where ``learner.average`` is 0.
         policy_optimizer, value_optimizer: Adam, one each.
         rng: order of the minibatches; part of a checkpoint.
         device, precision: where the networks are, and the dtype of their products.
@@ -68,6 +71,8 @@ class PPO:
         torch.manual_seed(config.seed)
         self.policy = self._placed(build_policy(config))
         self.value = self._placed(build_value(config))
+        decay = config.learner.average
+        self.average = Average(self.policy, decay) if decay else None
         taught = config.ppo.teacher is not None
         self._figures = _POLICY_FIGURES + (_TEACHER_FIGURES if taught else ())
         self._stage = Stage()
@@ -86,6 +91,10 @@ class PPO:
             DeviceSamples(config, self.device) if self._on_device else Samples(config)
             for _ in range(2)
         )
+        # Recorded CUDA graphs read what changes from memory, as they do Adam's rate.
+        self._entropy: float | Tensor = config.ppo.entropy
+        if self._on_device and config.ppo.entropy_final is not None:
+            self._entropy = torch.tensor(config.ppo.entropy, device=self.device)
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or usable_cores()
         self.threads = max(1, cores // 2)
@@ -126,7 +135,21 @@ class PPO:
             self._safeguard.restore()
             self.rng.bit_generator.state = order
             raise
+        if self.average is not None:
+            self.average.add(self.policy)
         return figures
+
+    @property
+    def acting(self) -> Network:
+        """The policy that actors act on."""
+        if self.average is not None and self.config.learner.acting == "average":
+            return self.average.network
+        return self.policy
+
+    @property
+    def tested(self) -> Network:
+        """The policy that a checkpoint offers to whoever tests it."""
+        return self.policy if self.average is None else self.average.network
 
     def is_finite(self) -> bool:
         """Whether all weights and moments are numbers."""
@@ -137,6 +160,7 @@ class PPO:
         scale = 1.0 - progress if ppo.learning_rate_schedule == "linear" else 1.0
         self.policy_optimizer.rate = scale * ppo.actor_learning_rate
         self.value_optimizer.rate = scale * ppo.critic_learning_rate
+        self._set_entropy(entropy_weight(ppo, progress))
         self._load(batch)
         if self.lessons is not None and self._stage.phase == IMITATION:
             return self._imitate(batch, self.lessons)
@@ -148,6 +172,8 @@ class PPO:
         figures = self._train(len(batch), proximal, advantage, target)
         figures["explained_variance"] = variance
         figures["learning_rate"] = scale * ppo.actor_learning_rate
+        if ppo.entropy_final is not None:
+            figures["entropy_weight"] = entropy_weight(ppo, progress)
         return figures
 
     def _enter(self, stage: Stage) -> None:
@@ -332,7 +358,7 @@ class PPO:
             samples.advantage.index_select(0, rows),
             ppo.clip,
             ppo.dual_clip,
-            ppo.entropy,
+            self._entropy,
             ppo.max_importance,
         )
         figures = (loss.policy, loss.entropy, loss.kl, loss.clip_fraction, loss.importance_max)
@@ -367,6 +393,12 @@ class PPO:
         stream = torch.cuda.Stream(self.device) if alone else None
         graphs = self.config.learner.cuda_graphs
         return Trainee(network, rate, loss, names, self.config.ppo, self.precision, stream, graphs)
+
+    def _set_entropy(self, weight: float) -> None:
+        if isinstance(self._entropy, Tensor):
+            self._entropy.fill_(weight)
+        else:
+            self._entropy = weight
 
     def _limit_threads(self) -> None:
         # torch's thread count belongs to the calling thread.

@@ -2,7 +2,8 @@
 
 A checkpoint is a folder ``checkpoints/step-000012345`` with both networks and the optimizers as
 safetensors and everything else as JSON, including digests of all that. It is written under a
-temporary name, flushed to disk and renamed.
+temporary name, flushed to disk and renamed. The policy file is what is tested: where weights are
+averaged (``learner.average``) it holds the average, and those in training have a file of their own.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
 
 VALUE_FILE = "value.safetensors"
 OPTIMIZER_FILE = "optimizer.safetensors"
+TRAINED_FILE = "trained.safetensors"
+"""The policy in training, where the policy file holds averaged weights."""
 _TENSOR_FILES = (POLICY_FILE, VALUE_FILE, OPTIMIZER_FILE)
 STATE_FILE = "state.json"
 FORMAT = 1
@@ -119,14 +122,20 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
         state = _state(path)
         if state["format"] != FORMAT:
             raise UserError(f"{path}: has format {state['format']}, this program reads {FORMAT}")
-        files = {name: _checked(path, name, state["digests"][name]) for name in _TENSOR_FILES}
+        averaged = _averaged(state)
+        names = (*_TENSOR_FILES, *((TRAINED_FILE,) if averaged else ()))
+        files = {name: _checked(path, name, state["digests"][name]) for name in names}
         optimizer = load_tensors(files[OPTIMIZER_FILE])
         counters = _counters(state["counters"])
         generator, rates = state["generator"], [float(rate) for rate in state["learning_rates"]]
         books: dict[str, Any] = {name: state[name] for name in _BOOKS if name in state}
     except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
         raise UserError(damaged(path, error)) from None
-    load_into(ppo.policy, files[POLICY_FILE], str(path / POLICY_FILE), ppo.config)
+    trained = TRAINED_FILE if averaged else POLICY_FILE
+    load_into(ppo.policy, files[trained], str(path / trained), ppo.config)
+    if ppo.average is not None:
+        load_into(ppo.average.network, files[POLICY_FILE], str(path / POLICY_FILE), ppo.config)
+        ppo.average.updates = averaged
     load_into(ppo.value, files[VALUE_FILE], str(path / VALUE_FILE))
     try:
         _restore_optimizers(ppo, optimizer, rates, path)
@@ -181,10 +190,13 @@ def _files(ppo: PPO, counters: Counters, books: dict[str, Any]) -> dict[str, byt
     """The files of a checkpoint, by name."""
     metadata = policy_metadata(ppo.config, counters.version, counters.steps)
     files = {
-        POLICY_FILE: to_bytes(ppo.policy, metadata),
+        POLICY_FILE: to_bytes(ppo.tested, metadata),
         VALUE_FILE: to_bytes(ppo.value),
         OPTIMIZER_FILE: save_tensors(_optimizer_tensors(ppo)),
     }
+    if ppo.average is not None:
+        files[TRAINED_FILE] = to_bytes(ppo.policy)
+        books = {**books, "averaged": ppo.average.updates}
     state = {
         "format": FORMAT,
         "counters": vars(counters),
@@ -213,6 +225,16 @@ def _state(path: Path) -> dict[str, Any]:
     if "digest" in state and state["digest"] != _digest_of(state):
         raise ValueError(f"{STATE_FILE} is not what was written")
     return state
+
+
+def _averaged(state: dict[str, Any]) -> int:
+    """Updates that the policy file averages; 0: none, it holds the policy in training."""
+    if TRAINED_FILE not in state["digests"]:
+        return 0
+    averaged = state["averaged"]
+    if type(averaged) is not int or not 0 <= averaged < 2**53:
+        raise ValueError(f"averaged cannot be {averaged!r}")
+    return averaged
 
 
 def _counters(data: Any) -> Counters:

@@ -182,7 +182,7 @@ def _and_robots(robots, people, setting, scratch, commands, ticks, stride, range
         for i in range(commands.shape[1]):
             robot, crowd = robot_row(robots, i), people_row(people, i)
             v, w = commands[step, i, 0], commands[step, i, 1]
-            take_command(robot, v, w, setting.odometry_deviation)
+            take_command(robot, v, w)
             for tick in range(ticks):
                 tick_inline(robot, crowd, setting, scratch)
                 last = tick == ticks - 1 or robot.contact[0] != 0

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import typer
 
 from lndrl.cli.completion import complete_configuration, complete_scenario, complete_setting
 from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.planners import PlannerSource
 
 ConfigName = Annotated[
     str | None,
@@ -89,6 +92,15 @@ TrustModules = Annotated[
         metavar="PREFIX",
         help="Import parts of your own (module:Class) from PREFIX and PREFIX.*, which runs their"
         " code; can be repeated.",
+        show_default=False,
+    ),
+]
+Temperature = Annotated[
+    float | None,
+    typer.Option(
+        metavar="T",
+        help="Of a policy's sampling: 1 as in training (the default), below prefers likelier"
+        " actions, e.g. 0.5.",
         show_default=False,
     ),
 ]
@@ -235,3 +247,12 @@ def part_settings(settings: list[str] | None, option: str) -> dict[str, Any]:
         except yaml.YAMLError:
             raise UserError(f"{option} {text}: {value!r} is not a YAML value") from None
     return found
+
+
+def sampled(source: PlannerSource, temperature: float | None, greedy: bool) -> PlannerSource:
+    """``source`` as ``--temperature`` asks for; raises UserError beside ``--greedy``."""
+    if temperature is None:
+        return source
+    if greedy:
+        raise UserError("--temperature goes with sampling, and --greedy does not sample; drop one")
+    return source.at_temperature(temperature)

@@ -25,7 +25,7 @@ from lndrl.config.run import (
 )
 from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
-from lndrl.config.world import CrowdConfig, LaserConfig, WorldConfig
+from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, WorldConfig
 
 __all__ = [
     "DEFAULTS",
@@ -49,6 +49,7 @@ __all__ = [
     "RunConfig",
     "TaskConfig",
     "TransportConfig",
+    "RandomizeConfig",
     "WorldConfig",
     "find",
     "find_keys",

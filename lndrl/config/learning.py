@@ -54,6 +54,9 @@ class NetworkConfig(Model):
     variances: bool = Field(True, description="False: the goal without the belief's variances")
     features: Count = Field(512, description="units of map encoder, scan encoder, trunk (PAPER)")
     goal_features: Count = Field(64, description="units of the goal's encoder (PAPER)")
+    layer_norm: Annotated[bool, LATER] = Field(
+        False, description="normalize the trunk's units before their ReLU, in both networks"
+    )
     initialization: Literal["orthogonal", "default"] = Field(
         "orthogonal", description="orthogonal with a small policy head, or torch's default (GROUP)"
     )
@@ -76,6 +79,11 @@ class NetworkConfig(Model):
                     f"{part}_settings go to a class of your own; {part} is the built-in "
                     f"{getattr(self, part)}"
                 )
+        if self.layer_norm and self.policy != BUILT_IN:
+            raise ValueError(
+                f"layer_norm is of the built-in network's trunk; policy is {self.policy}, which "
+                "normalizes for itself"
+            )
         return self
 
 
@@ -102,10 +110,18 @@ class PPOConfig(Model):
     )
     epochs: Count = Field(4, description="passes over a batch (GROUP 10)")
     batch_size: Count = Field(1024, description="samples per update, at least (GROUP)")
+    batch_size_final: Annotated[Count | None, LATER] = Field(
+        None,
+        description="samples per update in the end: batch_size doubles up to it at equal distances "
+        "in learner.total_steps, the minibatch stays; null: batches do not grow",
+    )
     minibatch_size: Count | None = Field(
         256, description="samples per gradient step; null: the whole batch (GROUP)"
     )
     entropy: NonNegative = Field(0.01, description="weight of the policy's entropy (GROUP 0)")
+    entropy_final: Annotated[NonNegative | None, LATER] = Field(
+        None, description="entropy's weight after learner.total_steps, on a line; null: it stays"
+    )
     value_loss: Positive = Field(
         0.5, description="weight of the value's mean squared error (GROUP)"
     )
@@ -134,6 +150,15 @@ class PPOConfig(Model):
         "by reward alone",
     )
 
+    @model_validator(mode="after")
+    def _batches_grow(self) -> PPOConfig:
+        if self.batch_size_final is not None and self.batch_size_final < self.batch_size:
+            raise ValueError(
+                f"batch_size_final {self.batch_size_final} must be batch_size {self.batch_size} or "
+                "more; batches grow"
+            )
+        return self
+
 
 class LearnerConfig(Model):
     """The learner service."""
@@ -158,6 +183,14 @@ class LearnerConfig(Model):
         None,
         description="folder of a run whose newest networks and optimizers this one begins with",
     )
+    average: Annotated[float, Field(ge=0, lt=1), LATER] = Field(
+        0.0,
+        description="decay per update of the policy's averaged weights, which are then what a "
+        "checkpoint's policy file holds and what is tested, e.g. 0.95; 0: no average",
+    )
+    acting: Annotated[Literal["current", "average"], LATER] = Field(
+        "current", description="weights that actors act on; average needs learner.average above 0"
+    )
     checkpoint_interval: Count = Field(20, description="updates between checkpoints")
     keep_checkpoints: Count = Field(3, description="newest checkpoints that are kept")
     queue_chunks: Count = Field(64, description="uploads waiting at most")
@@ -169,6 +202,12 @@ class LearnerConfig(Model):
         if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", device):
             raise ValueError(f"{device} is not a device; write cpu, cuda, cuda:0 or auto")
         return device
+
+    @model_validator(mode="after")
+    def _an_average_to_act_on(self) -> LearnerConfig:
+        if self.acting == "average" and not self.average:
+            raise ValueError("acting: average needs average above 0, e.g. average: 0.95")
+        return self
 
 
 def _auto_or_up_to(most: int) -> BeforeValidator:

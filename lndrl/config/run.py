@@ -23,7 +23,7 @@ from lndrl.config.learning import (
 from lndrl.config.localization import LocalizationConfig
 from lndrl.config.shipped import find
 from lndrl.config.task import TaskConfig
-from lndrl.config.world import WorldConfig
+from lndrl.config.world import RandomizeConfig, WorldConfig
 from lndrl.errors import UserError
 from lndrl.models import LATER, MOST, Model, effective, load_yaml, validate
 from lndrl.scenario import Scenario
@@ -47,6 +47,9 @@ class RunConfig(Model):
     localization: LocalizationConfig = Field(
         LocalizationConfig(),
         description="the filter that says where the robot believes it is: a preset's name, or keys",
+    )
+    randomize: Annotated[RandomizeConfig, LATER] = Field(
+        RandomizeConfig(), description="what is drawn anew for every episode of training"
     )
     task: TaskConfig = Field(TaskConfig(), description="what the robot sees, does, is paid for")
     network: NetworkConfig = Field(NetworkConfig(), description="policy and value network")
@@ -105,6 +108,15 @@ class RunConfig(Model):
             )
         return self
 
+    @model_validator(mode="after")
+    def _a_round_does_not_grow(self) -> RunConfig:
+        if self.learner.mode == "lockstep" and self.ppo.batch_size_final is not None:
+            raise ValueError(
+                "ppo.batch_size_final needs learner.mode: async; in lockstep a batch is a round, "
+                "one chunk of every actor, and does not grow"
+            )
+        return self
+
     @property
     def steps_limit(self) -> int:
         """Control steps until an episode is truncated (parameters §4.6), at least 1."""
@@ -126,8 +138,9 @@ class RunConfig(Model):
         Where ``actor.worlds`` is auto: at most half a batch per chunk, so that a batch is cut
         where it should; at most half of ``learner.max_lag`` batches in the chunks of all actors,
         because a chunk is about that many updates old when it has been collected; and not more
-        than MOST_WORLDS. Depends on ``actors`` but on nothing else of the machine, and in
-        lock-step not even on that.
+        than MOST_WORLDS. Where batches grow (``ppo.batch_size_final``), the first ones decide:
+        later ones are made of more chunks, which are fewer updates old. Depends on ``actors`` but
+        on nothing else of the machine, and in lock-step not even on that.
         """
         if self.actor.worlds != "auto":
             return self.actor.worlds

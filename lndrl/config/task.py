@@ -44,6 +44,11 @@ class RewardConfig(Model):
     collide: float = Field(-800.0, description="r_col, when it hits something")
     lost: float = Field(-500.0, description="r_lost, when truth and estimate are too far apart")
     step: float = Field(-5.0, description="r_step, every step; '<' in the paper is a typo")
+    pose_limit: Annotated[Positive | None, LATER] = Field(
+        None,
+        description="most that the pose part pays or costs: a pose error above pose_limit / pose "
+        "counts as that much; in training only; null: as published, a jump costs k_p per metre",
+    )
     terms: Annotated[dict[str, RewardTerm], LATER] = Field(
         default_factory=dict,
         max_length=MOST_TERMS,

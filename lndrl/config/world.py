@@ -96,6 +96,31 @@ class CrowdConfig(Model):
     )
 
 
+class RandomizeConfig(Model):
+    """What is drawn anew for every episode of training; tests have the settings as they are."""
+
+    odometry_deviation: tuple[NonNegative, NonNegative] | None = Field(
+        None,
+        description="least and most of world.odometry_deviation, each value alike; null: as it is",
+    )
+    motion_noise: tuple[Positive, Positive] | None = Field(
+        None,
+        description="least and most factor on localization.odom_alpha1 to 4, each ratio alike; "
+        "null: as they are",
+    )
+
+    @model_validator(mode="after")
+    def _least_then_most(self) -> RandomizeConfig:
+        for name in type(self).model_fields:
+            between = getattr(self, name)
+            if between is not None and between[0] > between[1]:
+                raise ValueError(
+                    f"{name} [{between[0]:g}, {between[1]:g}] must name the least first, then the "
+                    "most"
+                )
+        return self
+
+
 class WorldConfig(Model):
     """The true world: clock, robot, sensors, crowd."""
 

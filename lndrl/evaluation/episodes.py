@@ -12,7 +12,7 @@ from lndrl.localization import LikelihoodMap
 from lndrl.navigation import EpisodeRecord, Navigation, Observation, build_surroundings
 from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.families import Family
-from lndrl.navigation.terms import without_terms
+from lndrl.navigation.terms import as_tested
 from lndrl.planners import MapPlanner, Planner, PlannerSource
 from lndrl.world import Place
 
@@ -36,7 +36,7 @@ class EpisodeRunner:
         family: Family = Family.VALIDATION,
         surroundings: Surroundings | None = None,
     ) -> None:
-        self.config = config = without_terms(config)
+        self.config = config = as_tested(config)
         self.family = family
         self.planner = source.build(config, greedy)
         self._place, self._field = surroundings or build_surroundings(config)

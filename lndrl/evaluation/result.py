@@ -21,7 +21,7 @@ class EvaluationResult:
     """One planner on one scenario; ``records`` are in the order of the episodes.
 
     ``actions`` of a policy were sampled or greedy; those of a floor follow its rule.
-    ``own_metrics`` are figures of the user's own by name.
+    ``temperature`` is that of sampled ones. ``own_metrics`` are figures of the user's own by name.
     """
 
     planner: str
@@ -33,6 +33,7 @@ class EvaluationResult:
     program_version: str
     records: tuple[EpisodeRecord, ...]
     own_metrics: Mapping[str, float | None] = field(default_factory=dict)
+    temperature: float = 1.0
 
     @cached_property
     def metrics(self) -> Metrics:
@@ -42,10 +43,12 @@ class EvaluationResult:
     def to_dict(self) -> dict[str, Any]:
         """Plain types for JSON: provenance, ``metrics``, and ``records`` in episode order."""
         own = {"own_metrics": dict(self.own_metrics)} if self.own_metrics else {}
+        warmth = {} if self.temperature == 1.0 else {"temperature": self.temperature}
         return {
             "program_version": self.program_version,
             "planner": self.planner,
             "actions": self.actions,
+            **warmth,
             "scenario": self.scenario,
             "localization": self.localization,
             "seed": self.seed,
@@ -76,6 +79,7 @@ class EvaluationResult:
                     str(name): None if value is None else float(value)
                     for name, value in data.get("own_metrics", {}).items()
                 },
+                temperature=float(data.get("temperature", 1.0)),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise UserError(

@@ -94,6 +94,7 @@ def result_of(
         config_hash=config.content_hash(),
         program_version=VERSION,
         records=tuple(sorted(records, key=lambda record: record.world)),
+        temperature=1.0 if greedy else source.temperature,
     )
 
 

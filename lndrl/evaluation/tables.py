@@ -94,6 +94,8 @@ def describe(result: EvaluationResult, planner: bool = True) -> str:
 
 
 def _planner(result: EvaluationResult) -> str:
+    if result.temperature != 1.0:
+        return f"{result.planner} (temperature {result.temperature:g})"
     return f"{result.planner} (greedy)" if result.actions == "greedy" else result.planner
 
 

@@ -43,6 +43,7 @@ class Belief(NamedTuple):
     numbers: NDArray[np.int64]  # see the places above
     random: State
     quality: Vector  # see the places above
+    alpha: Vector  # (4,) odom_alpha1 to 4 in this episode
 
 
 class Scratch(NamedTuple):
@@ -82,7 +83,6 @@ class Field(NamedTuple):
 class Settings(NamedTuple):
     """The numbers of ``LocalizationConfig`` that compiled code takes."""
 
-    alpha: tuple[float, float, float, float]
     range_max: float
     update_min_d: float
     update_min_a: float
@@ -126,7 +126,13 @@ def make_beliefs(worlds: int, config: LocalizationConfig) -> Belief:
         numbers=np.zeros((worlds, 6), dtype=np.int64),
         random=np.zeros((worlds, 4), dtype=np.uint64),
         quality=np.zeros((worlds, 2)),
+        alpha=np.tile(motion_noise(config), (worlds, 1)),
     )
+
+
+def motion_noise(config: LocalizationConfig) -> Vector:
+    """(4,) odom_alpha1 to 4."""
+    return np.array([float(getattr(config, f"odom_alpha{k}")) for k in (1, 2, 3, 4)])
 
 
 def belief_of(beliefs: Belief, world: int) -> Belief:
@@ -172,12 +178,6 @@ def make_field(field: LikelihoodMap) -> Field:
 def make_settings(config: LocalizationConfig, laser: LaserConfig) -> Settings:
     """The configuration as kernels take it."""
     return Settings(
-        alpha=(
-            float(config.odom_alpha1),
-            float(config.odom_alpha2),
-            float(config.odom_alpha3),
-            float(config.odom_alpha4),
-        ),
         # Readings are single precision: one without an echo must not fall short of the limit.
         range_max=float(np.float32(config.max_range(laser.range_max))),
         update_min_d=float(config.update_min_d),

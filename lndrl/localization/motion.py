@@ -33,7 +33,7 @@ def decompose(old, new):
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def deviations(rotation1, translation, rotation2, alpha):
-    """Deviations of the three parts; ``alpha`` is (alpha1, alpha2, alpha3, alpha4).
+    """Deviations of the three parts; ``alpha`` (4,) are odom_alpha1 to 4.
 
     Driving backward is folded onto driving forward: a half turn counts as no turn.
     """

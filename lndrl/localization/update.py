@@ -130,7 +130,7 @@ def _gate(new, belief, settings):
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def _predict(particles, count, new, belief, scratch, settings):
     rotation1, translation, rotation2 = decompose(belief.odometry, new)
-    spread = deviations(rotation1, translation, rotation2, settings.alpha)
+    spread = deviations(rotation1, translation, rotation2, belief.alpha)
     if settings.motion_corrected != 0:
         spread = (math.sqrt(spread[0]), math.sqrt(spread[1]), math.sqrt(spread[2]))
     room = room_for(count)

@@ -22,7 +22,7 @@ from lndrl.localization.update import reset_belief
 from lndrl.maps.paths import leg_keeps
 from lndrl.maps.raycast import sample_field
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
-from lndrl.navigation.reward import reward_weights
+from lndrl.navigation.reward import pose_error_limit, reward_weights
 from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
 from lndrl.navigation.terms import own_terms
 from lndrl.navigation.track import RUNNING, make_tracks
@@ -193,7 +193,12 @@ def _task(config: RunConfig) -> Task:
         scan_scale=SCAN_COUNTS / float(config.world.laser.range_max),
         map_extent=float(task.map_extent),
         variance_limit=float(task.variance_limit),
-        limits=(float(task.lost_distance), float(task.lost_angle), float(task.arrive_distance)),
+        limits=(
+            float(task.lost_distance),
+            float(task.lost_angle),
+            float(task.arrive_distance),
+            pose_error_limit(task.reward),
+        ),
         weights=reward_weights(task.reward),
         judges_report=task.judged_moment == "report",
     )

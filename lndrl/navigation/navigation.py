@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from lndrl.config import RunConfig
 from lndrl.kernels import expect
 from lndrl.localization import AMCL, LikelihoodMap, PerfectLocalization
-from lndrl.localization.belief import belief_of
+from lndrl.localization.belief import belief_of, motion_noise
 from lndrl.navigation.batch import KERNELS, NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
 from lndrl.navigation.observation import Observation, dequantise
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
-from lndrl.randomness import Stream, episode_states
+from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import Place, World, layout_number
 
 EPISODES_PER_LAYOUT = 50
@@ -174,7 +174,21 @@ class Navigation:
         states = episode_states(self.seed, self.world_id, self.episode)
         self.world.reset(self.seed, self.world_id, self.episode, states)
         self.localization.reset(self.world.start_pose, states[Stream.LOCALIZATION])
+        self._randomize(states[Stream.SETTINGS])
         self.batch.begin(self.index)
+
+    def _randomize(self, state: State) -> None:
+        """Draw what ``config.randomize`` names; all else keeps the batch's settings."""
+        between = self.config.randomize
+        # Both are drawn, so that neither key changes what the other one draws.
+        slip, noise = uniform(state), uniform(state)
+        if between.odometry_deviation is not None:
+            least, most = between.odometry_deviation
+            self.world.robot.deviation[0] = least + slip * (most - least)
+        if between.motion_noise is not None:
+            least, most = between.motion_noise
+            factor = least * (most / least) ** noise
+            self._belief.alpha[:] = factor * motion_noise(self.batch.localization)
 
     def step(self, v: float, w: float) -> Transition:
         """Drive with ``v`` (m/s) and ``w`` (rad/s) for one control step.

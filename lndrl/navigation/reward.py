@@ -23,6 +23,17 @@ def reward_weights(reward: RewardConfig) -> NDArray[np.float64]:
     return np.array([getattr(reward, part) for part in REWARD_PARTS], dtype=np.float64)
 
 
+def pose_error_limit(reward: RewardConfig) -> float:
+    """The pose error (m, rad) from which on it costs no more: infinite where nothing is limited.
+
+    The error is cut, not the part's value: what a jump away costs, the way back pays, no more.
+    Were the value cut, a jump away and a slow way back would earn something.
+    """
+    if reward.pose_limit is None or reward.pose == 0.0:
+        return float("inf")
+    return reward.pose_limit / abs(reward.pose)
+
+
 @njit(cache=True, nogil=True, _nrt=False)
 def goal_distance(pose, goal):
     """Metres from ``pose`` (3,) to ``goal`` (2,)."""
@@ -74,18 +85,19 @@ def reward_parts(
     collided,
     lost,
     weights,
+    error_limit,
     out,
 ):
     """Write the six parts of one transition to ``out`` (6,), in the order of ``REWARD_PARTS``.
 
     ``before`` (3, 3) and ``report`` (9,) as in ``judge``; ``variance`` (3,) are the unclipped
     variances after the transition; ``arrived``, ``collided``, ``lost`` are booleans; ``weights``
-    (6,) come from ``reward_weights``. Approach uses true positions, so a wrong belief earns nothing
-    by itself.
+    (6,) come from ``reward_weights``, ``error_limit`` from ``pose_error_limit``. Approach uses true
+    positions, so a wrong belief earns nothing by itself.
     """
     approached = goal_distance(before[0], goal) - goal_distance(pose_true, goal)
-    error_before = pose_error(before[2], before[1])
-    error = pose_error(report[6:], report[:3])
+    error_before = min(pose_error(before[2], before[1]), error_limit)
+    error = min(pose_error(report[6:], report[:3]), error_limit)
     out[0] = weights[0] * approached / (1.0 + variance[0] + variance[1] + variance[2])
     out[1] = weights[1] * (error_before - error)
     out[2] = weights[2] if arrived else 0.0
@@ -101,14 +113,17 @@ def judge(before, pose_true, report, variance, goal, collided, limits, weights, 
     ``report`` (9,) is what is heard of the filter after the step: its pose, its variances, and the
     true pose that it is judged by. ``before`` (3, 3) are, before the step, the true pose, the pose
     that was heard and the true pose that it was judged by; ``limits`` the tuple (lost_distance,
-    lost_angle, arrive_distance). Writes ``parts`` (6,) and adds to ``sums`` (9,) the parts, the
-    position and angle errors and the variances' sum; the errors are those of what is heard against
-    where the robot is.
+    lost_angle, arrive_distance, error_limit). Writes ``parts`` (6,) and adds to ``sums`` (9,) the
+    parts, the position and angle errors and the variances' sum; the errors are those of what is
+    heard against where the robot is.
     """
     pose_estimated = report[:3]
     lost = is_lost(report[6:], pose_estimated, limits[0], limits[1])
     arrived = has_arrived(pose_estimated, goal, limits[2])
-    reward_parts(before, pose_true, report, variance, goal, arrived, collided, lost, weights, parts)
+    reward_parts(
+        before, pose_true, report, variance, goal, arrived, collided, lost, weights, limits[3],
+        parts,
+    )  # fmt: skip
     reward = 0.0
     for i in range(6):
         reward += parts[i]

@@ -57,7 +57,8 @@ class Task(NamedTuple):
     scan_scale: float  # counts per metre
     map_extent: float  # m
     variance_limit: float
-    limits: tuple[float, float, float]  # lost distance (m), lost angle (rad), arrival (m)
+    # lost distance (m), lost angle (rad), arrival (m), pose error that counts at most
+    limits: tuple[float, float, float, float]
     weights: Floats  # (6,) of the reward's parts
     judges_report: bool  # against the truth that it describes, not the present one
 
@@ -100,7 +101,7 @@ def _setting(packed):
     return Setting(
         Surroundings(around[0], around[1], Walls(*around[2])), Walls(*packed[1]),
         CrowdParameters(*packed[2]), RayMap(*packed[3]), Fan(*packed[4]),
-        packed[5], packed[6], packed[7], packed[8], packed[9],
+        packed[5], packed[6], packed[7], packed[8],
     )  # fmt: skip
 
 
@@ -126,7 +127,7 @@ def robot_row(robots, i):
     return Robot(
         robots.pose[i], robots.odometry[i], robots.start[i], robots.goal[i], robots.command[i],
         robots.slip[i], robots.clock[i], robots.contact[i], robots.laser_random[i],
-        robots.odometry_random[i],
+        robots.odometry_random[i], robots.deviation[i],
     )  # fmt: skip
 
 
@@ -146,7 +147,7 @@ def belief_row(beliefs, i):
     return Belief(
         beliefs.particles[i], beliefs.weights[i], beliefs.averages[i], beliefs.odometry[i],
         beliefs.pose[i], beliefs.covariance[i], beliefs.numbers[i], beliefs.random[i],
-        beliefs.quality[i],
+        beliefs.quality[i], beliefs.alpha[i],
     )  # fmt: skip
 
 
@@ -161,12 +162,12 @@ def track_row(tracks, i):
 
 
 @njit(inline="always")
-def _begin(robot, track, v, w, deviation):
+def _begin(robot, track, v, w):
     for k in range(3):
         track.before[0, k] = robot.pose[k]
         track.before[1, k] = track.reports[-1, k]
         track.before[2, k] = track.reports[-1, 6 + k]
-    take_command(robot, v, w, deviation)
+    take_command(robot, v, w)
 
 
 @njit(cache=True, nogil=True)
@@ -187,7 +188,7 @@ def drive_worlds(machine, first, commands, ticks):
         belief, track = belief_row(beliefs, world), track_row(tracks, world)
         if ticks > 0:
             command = commands[world - first]
-            _begin(robot, track, command[0], command[1], setting.odometry_deviation)
+            _begin(robot, track, command[0], command[1])
         for tick in range(max(ticks, 1)):
             if ticks > 0:
                 x, y = robot.pose[0], robot.pose[1]

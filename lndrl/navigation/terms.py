@@ -1,7 +1,7 @@
 """Reward terms of a user's own: what they see of a control step, and how they are paid.
 
 They run in Python beside the compiled parts, once per control step for all worlds of one memory,
-and change training alone: evaluation leaves them out (``without_terms``).
+and change training alone: evaluation leaves them out (``as_tested``).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import RunConfig
+from lndrl.config import RandomizeConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import REWARD_TERM, calling, find, make
 
@@ -139,13 +139,16 @@ def own_terms(config: RunConfig, worlds: int) -> OwnTerms | None:
     return OwnTerms(config, worlds) if config.task.reward.terms else None
 
 
-def without_terms(config: RunConfig) -> RunConfig:
-    """``config`` as it is tested: paid by the compiled parts alone."""
-    if not config.task.reward.terms:
+def as_tested(config: RunConfig) -> RunConfig:
+    """``config`` as it is tested: paid by the compiled parts alone, without a limit, and with the
+    same settings in every episode.
+    """
+    reward, settled = config.task.reward, RandomizeConfig()
+    if not reward.terms and reward.pose_limit is None and config.randomize == settled:
         return config
-    reward = config.task.reward.model_copy(update={"terms": {}})
+    reward = reward.model_copy(update={"terms": {}, "pose_limit": None})
     task = config.task.model_copy(update={"reward": reward})
-    return config.model_copy(update={"task": task})
+    return config.model_copy(update={"task": task, "randomize": settled})
 
 
 def _make(name: str, use: str, config: RunConfig, settings: dict[str, object]) -> Term:

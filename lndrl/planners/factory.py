@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from lndrl.config import RunConfig
@@ -38,6 +38,10 @@ PARAMETERS: dict[str, type[Model]] = {
 """What can be set of a rule; the others have nothing to set."""
 
 
+TEMPERATURES = (0.01, 100.0)
+"""Least and most; below, sampling is greedy for all that float32 can tell."""
+
+
 @dataclass(frozen=True)
 class PlannerSource:
     """Everything that a planner is built from; picklable, so that workers build the same one.
@@ -45,7 +49,8 @@ class PlannerSource:
     ``config`` and ``weights`` are those that were trained together, None for a rule. A run
     that goes on training meanwhile changes neither. ``parameters`` are a rule's, of the kind in
     PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which
-    gets ``settings``; it is imported where it is built, not before.
+    gets ``settings``; it is imported where it is built, not before. ``temperature`` is that of a
+    policy whose actions are sampled, see ``PolicyPlanner``.
     """
 
     name: str
@@ -54,6 +59,21 @@ class PlannerSource:
     parameters: Model | None = None
     own: bool = False
     settings: PartSettings = field(default_factory=dict)
+    temperature: float = 1.0
+
+    def at_temperature(self, temperature: float) -> PlannerSource:
+        """The same, sampled at ``temperature``; raises UserError where that is none, or there is
+        no policy to sample from.
+        """
+        least, most = TEMPERATURES
+        if not least <= temperature <= most:
+            raise UserError(
+                f"temperature {temperature:g} must be from {least:g} to {most:g}; 1 samples as in "
+                "training, below prefers likelier actions, and greedy takes the likeliest"
+            )
+        if self.weights is None:
+            raise UserError(f"{self.name}: has no policy to sample at temperature {temperature:g}")
+        return replace(self, temperature=temperature)
 
     @property
     def label(self) -> str:
@@ -84,7 +104,7 @@ class PlannerSource:
         if self.config is not None:
             check_layout(self.name, self.config, config)
 
-        return PolicyPlanner.load(self.name, config, self.weights, greedy)
+        return PolicyPlanner.load(self.name, config, self.weights, greedy, self.temperature)
 
 
 def planner_source(spec: str, settings: PartSettings | None = None) -> PlannerSource:

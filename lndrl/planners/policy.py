@@ -16,26 +16,39 @@ from lndrl.policy import PolicyRunner
 class PolicyPlanner:
     """Takes the actions of a policy network.
 
-    Samples them as in training, or takes the likeliest when ``greedy``. Every episode samples
+    Samples them as in training, or takes the likeliest when ``greedy``; a ``temperature`` below 1
+    prefers the likelier ones, as if the network's logits were divided by it. Every episode samples
     from its own generator (not from one per batch as actors do), so that the noise of an episode
     does not depend on which others are still running.
     """
 
-    def __init__(self, runner: PolicyRunner, name: str = "policy", greedy: bool = False) -> None:
+    def __init__(
+        self,
+        runner: PolicyRunner,
+        name: str = "policy",
+        greedy: bool = False,
+        temperature: float = 1.0,
+    ) -> None:
         self.name = name
         self.greedy = greedy
+        self.temperature = temperature
         self._runner = runner
         self._actions = action_table(runner.config.task)
         self._generators: list[np.random.Generator] = []
 
     @classmethod
     def load(
-        cls, name: str, config: RunConfig, weights: bytes, greedy: bool = False
+        cls,
+        name: str,
+        config: RunConfig,
+        weights: bytes,
+        greedy: bool = False,
+        temperature: float = 1.0,
     ) -> PolicyPlanner:
         """Planner from a weights blob; raises UserError when it does not fit ``config``."""
         runner = PolicyRunner(config)
         runner.load(weights)
-        return cls(runner, name, greedy)
+        return cls(runner, name, greedy, temperature)
 
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
         """See ``Planner.reset``."""
@@ -46,5 +59,7 @@ class PolicyPlanner:
         scores: NDArray[np.floating] = self._runner.log_probabilities(observation)
         if not self.greedy:
             # Gumbel trick: the largest of log p + noise is a draw from p.
-            scores = scores + [self._generators[row].gumbel(size=scores.shape[1]) for row in rows]
+            scores = scores / self.temperature + [
+                self._generators[row].gumbel(size=scores.shape[1]) for row in rows
+            ]
         return self._actions[scores.argmax(axis=1)]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation.observation import SCAN_COUNTS
-from lndrl.navigation.terms import without_terms
+from lndrl.navigation.terms import as_tested
 from lndrl.policy.inputs import Inputs, pooling_factor, supports_sparse
 from lndrl.policy.networks import build_policy
 from lndrl.policy.structure import MapStructure, drawn_structure
@@ -32,7 +32,7 @@ class TrainedPolicy:
 
     def __init__(self, config: RunConfig, weights: bytes, seed: int | None = None) -> None:
         """Raises UserError when ``weights`` do not fit the network of ``config``."""
-        self.config = without_terms(config)
+        self.config = as_tested(config)
         self._network = build_policy(config).requires_grad_(False).eval()
         load_into(self._network, weights, config=config)
         self._sparse = supports_sparse(config)
@@ -46,16 +46,19 @@ class TrainedPolicy:
             "goal": (6,),
         }
 
-    def act(self, observation: Observations, greedy: bool = False) -> np.int64 | NDArray[np.int64]:
+    def act(
+        self, observation: Observations, greedy: bool = False, temperature: float = 1.0
+    ) -> np.int64 | NDArray[np.int64]:
         """An action number for one observation, (B,) of them for a batch.
 
-        Drawn as in training, or the likeliest when ``greedy``. Raises ValueError for arrays of
+        Drawn as in training, or the likeliest when ``greedy``; a ``temperature`` below 1 prefers
+        the likelier ones. Raises ValueError for arrays of
         other shapes than an environment of ``config`` has.
         """
         scores: NDArray[np.floating] = self.log_probabilities(observation)
         if not greedy:
             # Gumbel trick: the largest of log p + noise is a draw from p.
-            scores = scores + self._generator.gumbel(size=scores.shape)
+            scores = scores / temperature + self._generator.gumbel(size=scores.shape)
         action: np.int64 | NDArray[np.int64] = scores.argmax(axis=-1)
         return action
 

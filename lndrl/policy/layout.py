@@ -31,6 +31,7 @@ def layout(config: RunConfig) -> dict[str, str]:
         "range": f"a range of {laser.range_max:g} m",
         "variances": "variances" if network.variances else "no variances",
         "map": "a pedestrian map" if network.pedestrian_map else "no pedestrian map",
+        "norm": "a layer norm" if network.layer_norm else "no layer norm",
         "linear": f"linear velocities {_list(sorted(task.linear_velocities))} m/s",
         "angular": f"angular velocities {_list(sorted(task.angular_velocities))} rad/s",
     }

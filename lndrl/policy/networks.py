@@ -221,6 +221,7 @@ class NavigationNetwork(nn.Module):
         joined += 0 if self.map_encoder is None else self.map_encoder.features
         trunk = FAN_TRUNK_FEATURES if plain else network.features
         self.trunk = nn.Linear(joined, trunk)
+        self.norm = nn.LayerNorm(trunk) if network.layer_norm else None
         self.head = nn.Linear(trunk, outputs)
         scale = torch.tensor([1.0, 1.0, 1.0] + 3 * [network.variance_scale])
         self.register_buffer("goal_scale", scale[: self.goals], persistent=False)
@@ -237,7 +238,8 @@ class NavigationNetwork(nn.Module):
         parts.append(self.scan_encoder(inputs.scan))
         goal = inputs.goal[:, : self.goals] * self.goal_scale
         parts.append(goal if self.goal_encoder is None else F.relu(self.goal_encoder(goal)))
-        trunk = F.relu(self.trunk(torch.cat(parts, dim=1)))
+        units = self.trunk(torch.cat(parts, dim=1))
+        trunk = F.relu(units if self.norm is None else self.norm(units))
         # Values and log-probabilities with the eight bits of bfloat16 would be too coarse.
         with torch.autocast(device, enabled=False):
             return self.head(trunk.float())

@@ -27,10 +27,14 @@ class Robot(NamedTuple):
     contact: NDArray[np.int64]  # (1,) see ``contacts.HITS``
     laser_random: State  # (4,)
     odometry_random: State  # (4,)
+    deviation: Floats  # (1,) of the slip in this episode
 
 
-def make_robots(worlds: int) -> Robot:
-    """Robots of ``worlds`` worlds, all zero: every array has a leading world dimension."""
+def make_robots(worlds: int, deviation: float = 0.0) -> Robot:
+    """Robots of ``worlds`` worlds: every array has a leading world dimension.
+
+    All zero, but for factors of slip, 1, and its ``deviation``.
+    """
     return Robot(
         pose=np.zeros((worlds, 3)),
         odometry=np.zeros((worlds, 3)),
@@ -42,6 +46,7 @@ def make_robots(worlds: int) -> Robot:
         contact=np.zeros((worlds, 1), np.int64),
         laser_random=np.zeros((worlds, 4), np.uint64),
         odometry_random=np.zeros((worlds, 4), np.uint64),
+        deviation=np.full((worlds, 1), deviation),
     )
 
 
@@ -51,8 +56,8 @@ def robot_of(robots: Robot, world: int) -> Robot:
 
 
 @njit(cache=True, nogil=True, _nrt=False)
-def take_command(robot, v, w, deviation):
+def take_command(robot, v, w):
     """Set the velocities of the coming ticks and draw how much the wheels slip in them."""
     robot.command[0] = v
     robot.command[1] = w
-    draw_slip(robot.slip, deviation, robot.odometry_random)
+    draw_slip(robot.slip, robot.deviation[0], robot.odometry_random)

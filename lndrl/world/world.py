@@ -34,7 +34,6 @@ class Setting(NamedTuple):
     rays: RayMap
     fan: Fan
     tick: float  # s
-    odometry_deviation: float
     odometry_per_reading: bool  # slip is drawn in every tick, not once per control step
     robot_radius: float  # m
     leg_radius: float  # m
@@ -57,7 +56,7 @@ def tick_inline(robot, people, setting, scratch):
         people, robot.pose, robot.command, setting.surroundings, setting.crowd, scratch.crowd
     )
     if setting.odometry_per_reading:
-        draw_slip(robot.slip, setting.odometry_deviation, robot.odometry_random)
+        draw_slip(robot.slip, robot.deviation[0], robot.odometry_random)
     move_robot(robot.pose, robot.odometry, robot.command, robot.slip, setting.tick)
     robot.clock[0] += setting.tick
     robot.contact[0] = contact(
@@ -92,7 +91,7 @@ class WorldBatch:
         walls = place.solid(wall_reach(config.crowd)) if knows else build_walls((), 0.0)
         self.place = place
         self.config = config
-        self.robots = make_robots(worlds)
+        self.robots = make_robots(worlds, float(config.odometry_deviation))
         self.people = make_people(worlds, capacity, waypoints)
         self.routes: Routes = make_routes(pedestrians)
         self.setting = Setting(
@@ -102,7 +101,6 @@ class WorldBatch:
             rays=place.rays,
             fan=make_fan(config.laser),
             tick=float(config.tick),
-            odometry_deviation=float(config.odometry_deviation),
             odometry_per_reading=config.odometry_draw == "reading",
             robot_radius=float(config.robot_radius),
             leg_radius=float(config.crowd.leg_radius),
@@ -207,7 +205,7 @@ class World:
 
     def begin_step(self, v: float, w: float) -> None:
         """Set the command of the coming ticks (m/s, rad/s); draws the odometer's slip."""
-        take_command(self.robot, v, w, self.config.odometry_deviation)
+        take_command(self.robot, v, w)
 
     def tick(self) -> bool:
         """``config.tick`` seconds pass: people move, then the robot; True when it now touches

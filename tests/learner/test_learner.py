@@ -8,7 +8,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from safetensors.torch import load as load_tensors
 
 from learner.learner import Learner
 from learner.status import snapshot
@@ -286,3 +288,48 @@ def test_a_run_that_starts_from_another_counts_its_own_steps(start, tmp_path: Pa
             MemoryNetwork().learner(),
         )
     assert not (tmp_path / "third").exists()
+
+
+def test_actors_get_the_average_where_they_shall_act_on_it(start) -> None:
+    run = start(learner={"average": 0.9, "acting": "average"})
+    run.update(3)
+    version, blob = run.actor.fetch(None, 5.0)
+    assert version == 3
+    sent, ppo = load_tensors(blob), run.learner.ppo
+    for name, weights in ppo.average.network.state_dict().items():
+        assert bool((sent[name] == weights).all())
+        assert not bool((sent[name] == ppo.policy.state_dict()[name]).all())
+
+
+def test_a_batch_that_grows_finds_room_and_trains_in_more_minibatches(start) -> None:
+    """Chunks of 16 samples: 2, then 4, then 8 make a batch; the queue's 2 grow with it."""
+    grows = {"batch_size": 32, "batch_size_final": 128, "minibatch_size": 16}
+    impatient = {"upload_timeout": 0.1}
+    few = {"total_steps": 384, "queue_chunks": 2}
+    run = start(ppo=grows, learner=few, transport=impatient)
+    steps = [0]
+    for _ in range(384 // 16):
+        run.send()
+        if run.learner.advance(timeout=0.0):
+            steps.append(run.learner.counters.steps)
+    assert run.learner.finished and run.learner.ingest.answers["pause"] == 0
+    assert np.diff(steps).tolist() == [32, 32, 32, 32, 64, 64, 128]
+    optimizer = run.learner.ppo.policy_optimizer
+    taken = {float(state["step"]) for state in optimizer.state.values()}
+    assert taken == {2 * 384 / 16}, "epochs times minibatches"
+
+
+def test_a_run_that_goes_on_goes_on_with_the_batch_that_it_had(start) -> None:
+    grows = {"batch_size": 32, "batch_size_final": 128}
+    run = start(ppo=grows, learner={"total_steps": 300})
+    while run.learner.counters.steps < 128:
+        run.send()
+        run.learner.advance(timeout=0.0)
+    run.close()
+    again = start(resume=True, ppo=grows, learner={"total_steps": 300})
+    for _ in range(3):
+        again.send()
+        assert not again.learner.advance(timeout=0.0)
+    again.send()
+    assert again.learner.advance(timeout=0.0)
+    assert again.learner.counters.steps == 192

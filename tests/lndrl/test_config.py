@@ -200,6 +200,10 @@ def test_the_hash_is_of_the_values(config_file: Path, tmp_path: Path) -> None:
     assert len(config.content_hash()) == 12
 
 
+def test_the_published_configuration_is_the_published_one_whatever_keys_came_later() -> None:
+    assert load_config("paper").content_hash() == "ff1826ee80e6"
+
+
 def test_defaults_are_the_published_ones(config_file: Path) -> None:
     config = load_config(config_file)
     assert len(config.task.linear_velocities) * len(config.task.angular_velocities) == 28
@@ -210,6 +214,7 @@ def test_defaults_are_the_published_ones(config_file: Path) -> None:
         "collide": -800.0,
         "lost": -500.0,
         "step": -5.0,
+        "pose_limit": None,
         "terms": {},
     }
     assert config.world.tick * config.world.ticks_per_step == pytest.approx(0.4)

@@ -13,6 +13,7 @@ from scipy import stats
 
 from lndrl.randomness import (
     Stream,
+    episode_states,
     fill_normals,
     fill_normals32,
     next_uint64,
@@ -169,6 +170,16 @@ def test_streams_differ_in_seed_world_episode_and_purpose() -> None:
     ]
     states = {tuple(map(int, stream_state(*path))) for path in paths}
     assert len(states) == len(paths)
+
+
+def test_a_later_stream_leaves_the_first_six_as_they_were() -> None:
+    """Every world that was ever stored draws from them."""
+    sequence = np.random.SeedSequence(7, spawn_key=(3, 2))
+    before = sequence.generate_state(4 * 6, np.uint64).reshape(6, 4)
+    states = episode_states(7, 3, 2)
+    assert len(states) == len(Stream) > 6
+    np.testing.assert_array_equal(states[:6], before)
+    assert [stream.value for stream in Stream][:6] == [0, 1, 2, 3, 4, 5]
 
 
 def test_neighbouring_streams_are_uncorrelated() -> None:

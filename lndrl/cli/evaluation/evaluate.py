@@ -17,8 +17,10 @@ from lndrl.cli.options import (
     BenchName,
     PlannerSettings,
     ScenarioName,
+    Temperature,
     TrustModules,
     part_settings,
+    sampled,
     trust,
 )
 from lndrl.cli.signals import say
@@ -56,6 +58,7 @@ def evaluate(
     greedy: Annotated[
         bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
     ] = False,
+    temperature: Temperature = None,
     localization: Annotated[
         Localization | None, typer.Option(help="Default: as trained; perfect hands out the truth.")
     ] = None,
@@ -88,7 +91,13 @@ def evaluate(
     trust(trust_modules)
     settings = part_settings(planner_set, "--planner-set")
     from lndrl.evaluation import add_metrics, own_metrics
-    from lndrl.planners import is_own_planner, takes_settings
+    from lndrl.planners import is_own_planner, is_rule, takes_settings
+
+    if temperature is not None and all(map(is_rule, planners)):
+        raise UserError(
+            f"--temperature {temperature:g} goes with a policy, a run folder or weights file; "
+            "rules do not sample"
+        )
 
     # Those of a user's own, where there are any, so that rules can be compared with them.
     takers = [each for each in planners if is_own_planner(each)] or [
@@ -103,7 +112,13 @@ def evaluate(
     count = usable_cores() if workers is None else workers
     world = _World(scenario, localization, _bench(spec) if bench else None)
     works = [
-        _Evaluation(each, settings if each in takers else {}, world, episodes, seed, greedy)
+        _Evaluation(
+            _source(each, settings if each in takers else {}, temperature, greedy),
+            world,
+            episodes,
+            seed,
+            greedy,
+        )
         for each in planners
     ]
     say_notes(note for work in works for note in work.config.scenario.map_notes)
@@ -125,6 +140,16 @@ def evaluate(
     print_tables(*(result_table(result) for result in results))
     if len(results) > 1:
         print_tables(comparison_table(results))
+
+
+def _source(
+    planner: str, settings: dict[str, Any], temperature: float | None, greedy: bool
+) -> PlannerSource:
+    """What ``planner`` names; a temperature is for policies, rules beside them have none."""
+    from lndrl.planners import is_rule, planner_source
+
+    source = planner_source(planner, settings)
+    return sampled(source, None if is_rule(planner) else temperature, greedy)
 
 
 def _bench(spec: str | None) -> BenchmarkSpec:
@@ -176,20 +201,17 @@ class _Evaluation:
 
     def __init__(
         self,
-        planner: str,
-        settings: dict[str, Any],
+        source: PlannerSource,
         world: _World,
         episodes: int,
         seed: int,
         greedy: bool,
     ) -> None:
-        from lndrl.planners import planner_source
-
-        self.source = planner_source(planner, settings)
+        self.source = source
         config = world.config_of(self.source)
         self.config = config.model_copy(update={"seed": seed})
         self.episodes, self.greedy = episodes, greedy
-        self.title = f"{Path(planner).name} on {config.scenario.name}"
+        self.title = f"{Path(source.name).name} on {config.scenario.name}"
         self.records: list[EpisodeRecord] = []
 
     def run(self, workers: int) -> EvaluationResult:

@@ -12,9 +12,11 @@ from lndrl.cli.notes import say_notes
 from lndrl.cli.options import (
     PlannerSettings,
     ScenarioName,
+    Temperature,
     TrustModules,
     check_picture,
     part_settings,
+    sampled,
     trust,
 )
 from lndrl.cli.signals import telling
@@ -50,6 +52,7 @@ def play(
     greedy: Annotated[
         bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
     ] = False,
+    temperature: Temperature = None,
     planner_set: PlannerSettings = None,
     trust_modules: TrustModules = None,
 ) -> None:
@@ -60,6 +63,7 @@ def play(
     from lndrl.planners import planner_source
 
     source = planner_source(planner, part_settings(planner_set, "--planner-set"))
+    source = sampled(source, temperature, greedy)
     config = settings_for(source, scenario).model_copy(update={"seed": seed})
     say_notes(config.scenario.map_notes)
     animated = out.suffix.lower() == ".gif"

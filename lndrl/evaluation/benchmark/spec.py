@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
+from lndrl.config import REPOSITORY_CONFIGS, RandomizeConfig, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
 from lndrl.models import Model, effective, load_yaml, validate
@@ -117,7 +117,9 @@ class Contender:
             return f"{self.source.name} {fingerprint(found)} {settings}"
         if self.source.weights is None:
             return self.source.name
-        return hashlib.sha256(self.source.weights).hexdigest()[:16]
+        digest = hashlib.sha256(self.source.weights).hexdigest()[:16]
+        temperature = self.source.temperature
+        return digest if temperature == 1.0 else f"{digest} at {temperature:g}"
 
     @property
     def actions(self) -> str:
@@ -209,6 +211,7 @@ def bench_config(
     return config.model_copy(
         update={
             "seed": seed,
+            "randomize": RandomizeConfig(),
             "scenario": base.scenario,
             "world": base.world,
             "localization": base.localization.model_copy(update={"kind": contender.localization}),

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
+from learner.intake.chunks import memory_of
 from learner.intake.ingest import Ingest
-from learner.intake.limits import check_messages, chunk_too_large
+from learner.intake.limits import check_messages, check_queue, chunk_too_large
 from learner.intake.roster import Roster
 from learner.run.events import EventLog
 from learner.service import run_learner
@@ -134,3 +135,27 @@ def test_an_episode_has_as_many_steps_as_memory_has_room_for() -> None:
     with pytest.raises(UserError, match=r"task.time_limit 86400 s has 86,400,000 control steps"):
         small_config(task={"time_limit": 86_400.0}, world={"tick": 0.001, "ticks_per_step": 1})
     assert small_config().steps_limit == 150
+
+
+def test_a_queue_that_may_not_hold_the_largest_batch_is_found_at_the_start(tmp_path: Path) -> None:
+    config = small_config(ppo={"batch_size_final": 2048}, learner={"queue_megabytes": 4})
+    with pytest.raises(UserError) as caught:
+        check_queue(config)
+    said = str(caught.value)
+    assert said.startswith("learner.queue_megabytes 4 may not hold a batch of ppo.batch_size_final")
+    needed = int(said.split("up to ")[1].split(";")[0])
+    check_queue(small_config(ppo={"batch_size_final": 2048}, learner={"queue_megabytes": needed}))
+    transport = {"endpoint": free_endpoint()}
+    config = config.model_copy(update={"transport": config.transport.model_copy(update=transport)})
+    with pytest.raises(UserError, match="queue_megabytes"):
+        run_learner(config, tmp_path / "run", resume=False, stop=Event())
+    assert not (tmp_path / "run").exists()
+    # Such a batch does fit: people everywhere, all chunks of one world each.
+    size = 0
+    for seed in range(4):
+        trajectory = random_trajectory(config, seed, steps=8, worlds=1)
+        for observation in (trajectory.observation, trajectory.final_observation):
+            observation.pedestrian_count[:] = config.task.max_pedestrians
+        message = len(encode(ChunkHeader("r", "a", "l", 1, 8, 1), trajectory.to_arrays()))
+        size = max(size, memory_of(trajectory, message))
+    assert size * 2048 / 8 <= needed * 1e6

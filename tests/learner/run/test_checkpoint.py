@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import load as load_tensors
 
 from learner.ppo.batch import assemble
 from learner.ppo.update import PPO
 from learner.run.checkpoint import (
+    TRAINED_FILE,
     Counters,
     clean_up,
     find_checkpoint,
@@ -151,6 +153,60 @@ def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> N
     assert all("exp_avg" in new.value_optimizer.state[p] for p in new.value.parameters())
     with pytest.raises(UserError, match="nowhere holds no checkpoint"):
         start_from(tmp_path / "nowhere", new)
+
+
+def test_an_average_is_what_is_tested_and_training_goes_on_from_the_weights(
+    trained, tmp_path: Path
+) -> None:
+    config = small_config(learner={"average": 0.9})
+    first = trained(config, 3)
+    path = save_checkpoint(tmp_path, first, Counters(steps=64, updates=3), BOOKS, 3)
+    tested = load_tensors(load_policy(path)[1])
+    for name, weights in first.average.network.state_dict().items():
+        assert torch.equal(tested[name], weights)
+        assert not torch.equal(weights, first.policy.state_dict()[name])
+    second = trained(config, 0)
+    load_checkpoint(path, second)
+    batch = assemble([random_trajectory(config, 99)])
+    assert first.update(batch, 0.5) == second.update(batch, 0.5)
+    for mine, theirs in ((first.policy, second.policy), (first.tested, second.tested)):
+        for one, other in zip(mine.parameters(), theirs.parameters(), strict=True):
+            assert torch.equal(one, other)
+    # A run that averages no more goes on from the weights, too, not from their average.
+    without = trained(small_config(), 0)
+    load_checkpoint(path, without)
+    assert without.update(batch, 0.5) == trained_again(trained, config, path).update(batch, 0.5)
+
+
+def trained_again(trained, config: RunConfig, path: Path) -> PPO:
+    ppo: PPO = trained(config, 0)
+    load_checkpoint(path, ppo)
+    return ppo
+
+
+def test_a_checkpoint_without_an_average_begins_one(trained, tmp_path: Path) -> None:
+    old = trained(small_config(), 2)
+    path = save_checkpoint(tmp_path, old, Counters(steps=64, updates=2), BOOKS, 3)
+    assert not (path / TRAINED_FILE).exists()
+    new = trained_again(trained, small_config(learner={"average": 0.9}), path)
+    assert new.average is not None and new.average.updates == 0
+    for one, other in zip(old.policy.parameters(), new.tested.parameters(), strict=True):
+        assert torch.equal(one, other)
+    new.update(assemble([random_trajectory(new.config, 99)]), 0.5)
+    for one, other in zip(new.policy.parameters(), new.tested.parameters(), strict=True):
+        assert torch.equal(one, other), "one update alone is its own average"
+
+
+def test_a_missing_or_spoilt_average_is_damage(trained, tmp_path: Path) -> None:
+    ppo = trained(small_config(learner={"average": 0.9}), 1)
+    path = save_checkpoint(tmp_path, ppo, Counters(steps=64, updates=1), BOOKS, 3)
+    spoilt = path / TRAINED_FILE
+    spoilt.write_bytes(spoilt.read_bytes()[:-1])
+    with pytest.raises(UserError, match=r"damaged \(trained.safetensors is not what was written"):
+        load_checkpoint(path, ppo)
+    spoilt.unlink()
+    with pytest.raises(UserError, match="damaged"):
+        load_checkpoint(path, ppo)
 
 
 def test_what_a_full_disk_left_behind_is_removed(trained, tmp_path: Path, monkeypatch) -> None:

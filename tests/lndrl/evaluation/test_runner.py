@@ -18,7 +18,8 @@ from lndrl.evaluation import (
     settings_for,
 )
 from lndrl.evaluation.runner import DEFAULT_CONFIG
-from lndrl.navigation import EpisodeRecord, Navigation
+from lndrl.evaluation.tables import describe
+from lndrl.navigation import EpisodeRecord, Navigation, Observation, action_table
 from lndrl.navigation.families import Family, episode_of
 from lndrl.planners import PlannerSource, make_planner, planner_source
 from lndrl.policy import initial_weights, load_into, policy_metadata, to_bytes
@@ -120,6 +121,51 @@ def test_seed_decides_sampling_and_greedy_does_not_sample(
     assert greedy.actions == "greedy"
     assert greedy.records != sampled.records[:2]
     assert greedy == evaluate(learned, config, 2, seed=4, greedy=True)
+
+
+def test_a_temperature_of_1_is_none_and_a_low_one_is_greedy(
+    config: RunConfig, learned: PlannerSource, sampled: EvaluationResult
+) -> None:
+    assert evaluate(learned.at_temperature(1.0), config, EPISODES, seed=4) == sampled
+    greedy = evaluate(learned, config, 2, seed=4, greedy=True)
+    cold = evaluate(learned.at_temperature(0.01), config, 2, seed=4)
+    assert (cold.actions, cold.temperature) == ("sampled", 0.01)
+    assert cold.to_dict()["temperature"] == 0.01 and "temperature" not in sampled.to_dict()
+    assert EvaluationResult.from_dict(cold.to_dict()) == cold
+    assert "(temperature 0.01)" in describe(cold) and "temperature" not in describe(sampled)
+    assert cold.records != sampled.records[:2]
+    assert greedy.temperature == 1.0
+
+
+def test_a_temperature_that_is_none_is_refused(learned: PlannerSource) -> None:
+    for wrong in (0.0, -1.0, 1000.0, float("nan")):
+        with pytest.raises(UserError, match=r"must be from 0\.01 to 100"):
+            learned.at_temperature(wrong)
+    with pytest.raises(UserError, match="straight: has no policy to sample at temperature"):
+        PlannerSource("straight").at_temperature(0.5)
+
+
+def test_actions_are_drawn_as_the_tempered_logits_say(config: RunConfig) -> None:
+    """One observation, many rows: the shares are those of softmax(logits / T)."""
+    network = build_policy(config)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.zero_()
+        head = [p for p in network.parameters() if p.shape == (28,)][-1]
+        head.copy_(torch.linspace(-1.0, 1.0, 28))
+        logits = head.double().numpy()
+    observation = Observation.zeros_for(4000, config)
+    rows = np.arange(4000)
+    for temperature in (0.5, 2.0):
+        source = PlannerSource("fixed", config, to_bytes(network)).at_temperature(temperature)
+        planner = source.build(config)
+        planner.reset(3, rows.tolist())
+        velocities = planner.act(observation, rows)
+        table = action_table(config.task)
+        chosen = (velocities[:, None] == table[None]).all(axis=2).argmax(axis=1)
+        shares = np.bincount(chosen, minlength=28) / len(rows)
+        expected = np.exp(logits / temperature)
+        np.testing.assert_allclose(shares, expected / expected.sum(), atol=0.025)
 
 
 def test_greedy_takes_the_likeliest_action(config: RunConfig) -> None:

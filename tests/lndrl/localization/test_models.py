@@ -228,6 +228,7 @@ def _step_all(odometry, ranges, bearings, beliefs, scratch, bins, limits, field,
             beliefs.particles[world], beliefs.weights[world], beliefs.averages[world],
             beliefs.odometry[world], beliefs.pose[world], beliefs.covariance[world],
             beliefs.numbers[world], beliefs.random[world], beliefs.quality[world],
+            beliefs.alpha[world],
         )  # fmt: skip
         update_belief(
             odometry[world],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,13 +18,19 @@ GOAL = np.array([5.0, 0.0])
 
 
 def parts(
-    true_before, estimated_before, true, estimated, variance=(0.0, 0.0, 0.0), ends=(False,) * 3
+    true_before,
+    estimated_before,
+    true,
+    estimated,
+    variance=(0.0, 0.0, 0.0),
+    ends=(False,) * 3,
+    limit=np.inf,
 ) -> dict[str, float]:
     out = np.zeros(6)
     before = np.array([true_before, estimated_before, true_before], np.float64)
     report = np.array([*estimated, *variance, *true], np.float64)
     here, variances = np.array(true, np.float64), np.array(variance, np.float64)
-    reward.reward_parts(before, here, report, variances, GOAL, *ends, WEIGHTS, out)
+    reward.reward_parts(before, here, report, variances, GOAL, *ends, WEIGHTS, limit, out)
     return dict(zip(reward.REWARD_PARTS, out.tolist(), strict=True))
 
 
@@ -59,6 +67,22 @@ def test_yaw_error_is_wrapped() -> None:
     assert not reward.is_lost(a, b, 2.0, np.pi / 4)
 
 
+def test_a_limited_pose_error_costs_a_jump_no_more_and_earns_nothing_on_the_way_back() -> None:
+    truth, near, middle, far = ((x, 0.0, 0.0) for x in (0.0, 0.1, 0.4, 26.0))
+    limit = reward.pose_error_limit(RewardConfig(pose_limit=200.0))
+    assert limit == pytest.approx(0.5)
+    assert parts(truth, truth, truth, far, limit=limit)["pose"] == pytest.approx(-200.0)
+    assert parts(truth, near, truth, middle, limit=limit)["pose"] == pytest.approx(-120.0)
+    way = [truth, far, middle, near, truth]
+    steps = itertools.pairwise(way)
+    round_trip = sum(parts(truth, a, truth, b, limit=limit)["pose"] for a, b in steps)
+    assert round_trip == pytest.approx(0.0)
+    # Of the other sign of k_p, and of none.
+    assert reward.pose_error_limit(RewardConfig(pose=-100.0, pose_limit=50.0)) == 0.5
+    assert reward.pose_error_limit(RewardConfig(pose=0.0, pose_limit=50.0)) == np.inf
+    assert reward.pose_error_limit(RewardConfig()) == np.inf
+
+
 def test_ends_pay_independently_and_every_step_costs() -> None:
     here = (0.0, 0.0, 0.0)
     nothing = parts(here, here, here, here)
@@ -74,7 +98,7 @@ def test_a_report_is_judged_by_the_truth_beside_it_and_measured_by_the_present_o
     report = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
     now = np.array([2.5, 0.0, 1.0])
     parts, sums = np.zeros(6), np.zeros(9)
-    limits = (2.0, 0.785, 0.5)
+    limits = (2.0, 0.785, 0.5, np.inf)
     _, lost, _ = reward.judge(
         before, now, report, np.zeros(3), GOAL, False, limits, WEIGHTS, parts, sums
     )
@@ -101,16 +125,23 @@ pose = st.tuples(finite, finite, st.floats(-3.1, 3.1))
 
 
 @settings(max_examples=60, deadline=None)
-@given(pose, pose, pose, pose, st.tuples(*[st.floats(0.0, 100.0)] * 3))
-def test_matches_the_formula(tb, eb, t, e, variance) -> None:
+@given(
+    pose,
+    pose,
+    pose,
+    pose,
+    st.tuples(*[st.floats(0.0, 100.0)] * 3),
+    st.sampled_from((np.inf, 0.5, 3.0)),
+)
+def test_matches_the_formula(tb, eb, t, e, variance, limit) -> None:
     tb_, eb_, t_, e_ = (np.array(p) for p in (tb, eb, t, e))
 
     def error(truth: np.ndarray, estimate: np.ndarray) -> float:
         d = truth - estimate
         d[2] = np.arctan2(np.sin(d[2]), np.cos(d[2]))
-        return float(np.linalg.norm(d))
+        return float(min(np.linalg.norm(d), limit))
 
-    got = parts(tb, eb, t, e, variance)
+    got = parts(tb, eb, t, e, variance, limit=limit)
     approach = np.linalg.norm(tb_[:2] - GOAL) - np.linalg.norm(t_[:2] - GOAL)
     assert got["approach"] == pytest.approx(200.0 * approach / (1.0 + sum(variance)), abs=1e-9)
     assert got["pose"] == pytest.approx(400.0 * (error(tb_, eb_) - error(t_, e_)), abs=1e-6)

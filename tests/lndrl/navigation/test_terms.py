@@ -75,6 +75,27 @@ def test_a_term_is_a_part_like_the_others(own_module: Write) -> None:
     assert record.episode_return == pytest.approx(sum(record.reward_parts.values()))
 
 
+def test_a_limit_of_the_pose_part_is_for_training_alone() -> None:
+    """0.04 limits an error to 0.1 mm: a filter is always farther off than that."""
+    reward = {"reward": {"pose_limit": 0.04}, "time_limit": 4.0}
+    limited = made_config(task=reward)
+    paid, plain = (VectorNavigation(c, 0, 3) for c in (limited, made_config()))
+    velocities = np.array([[0.2, 0.9], [0.2, -0.3], [0.6, 0.3]])
+    first, second = paid.step_velocities(velocities), plain.step_velocities(velocities)
+    assert not np.array_equal(first.reward, second.reward)
+    for world, unlimited in zip(paid.worlds, plain.worlds, strict=True):
+        pose = REWARD_PARTS.index("pose")
+        assert abs(world.parts()[pose]) <= 0.04 + 1e-12 < abs(unlimited.parts()[pose])
+        np.testing.assert_array_equal(
+            np.delete(world.parts(), pose), np.delete(unlimited.parts(), pose)
+        )
+    source = PlannerSource("straight")
+    tested, published = (
+        list(EpisodeRunner(source, config)(range(2))) for config in (limited, made_config())
+    )
+    assert tested == published
+
+
 def test_the_worlds_themselves_do_not_change(own_module: Write) -> None:
     config = made_config({"turning": {"use": f"{own_module(SPY)}:Turns"}})
     paid, plain = (VectorNavigation(c, 0, 2) for c in (config, made_config()))

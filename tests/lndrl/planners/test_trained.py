@@ -59,6 +59,8 @@ def test_equals_the_policy_that_sees_people(kind: str, tmp_path: Path) -> None:
         assert found.dtype == np.float32 and expected.std() > 0.1
         np.testing.assert_array_equal(found, expected)
         np.testing.assert_array_equal(policy.act(drawn, greedy=True), expected.argmax(1))
+        cold = policy.act(drawn, temperature=1e-6)
+        np.testing.assert_array_equal(cold, expected.argmax(1))
         one = {name: rows[7] for name, rows in drawn.items()}
         np.testing.assert_allclose(policy.log_probabilities(one), expected[7], atol=1e-5)
 

@@ -11,8 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lndrl.config import NetworkConfig, RunConfig
+from lndrl.errors import UserError
 from lndrl.navigation import Observation, draw_pedestrian_map
-from lndrl.policy import Inputs, NavigationNetwork, build_policy, build_value, prepare
+from lndrl.policy import (
+    Inputs,
+    NavigationNetwork,
+    build_policy,
+    build_value,
+    load_into,
+    policy_metadata,
+    prepare,
+    to_bytes,
+)
 from lndrl.policy.structure import map_structure
 from lndrl.scenario import Scenario
 from tests.lndrl.policy.built_in import built_in, map_encoder_of
@@ -204,3 +214,65 @@ def test_variances_are_scaled_where_the_networks_read_them() -> None:
         expected = plain(prepare(larger, make_config(**SMALL)))
         torch.testing.assert_close(scaled(prepare(observation, make_config(**SMALL))), expected)
         assert not torch.allclose(plain(prepare(observation, make_config(**SMALL))), expected)
+
+
+@pytest.mark.parametrize("evaluate", ["sparse", "dense"])
+def test_layer_norm_normalizes_the_trunks_units_in_both_networks(evaluate: str) -> None:
+    config = make_config(**SMALL, layer_norm=True)
+    rng = np.random.default_rng(8)
+    observation = random_observation(rng, 7, 3.0)
+    inputs = prepare(observation, config) if evaluate == "sparse" else dense(observation, config)
+    for build in (build_policy, build_value):
+        network = with_random_biases(built_in(build(config)))
+        seen: list[torch.Tensor] = []
+        network.trunk.register_forward_hook(lambda *call, kept=seen: kept.append(call[-1]))
+        with torch.no_grad():
+            answer = network(inputs)
+        units = seen[0].double()
+        spread = (units.var(1, correction=0, keepdim=True) + 1e-5).sqrt()
+        normalized = (units - units.mean(1, keepdim=True)) / spread
+        assert network.norm is not None
+        scaled = normalized * network.norm.weight.double() + network.norm.bias.double()
+        expected = scaled.relu() @ network.head.weight.double().T + network.head.bias.double()
+        torch.testing.assert_close(answer.double(), expected, atol=1e-5, rtol=1e-5)
+
+
+def test_layer_norm_trains_sparsely_as_densely() -> None:
+    config = make_config(**SMALL, layer_norm=True)
+    network = with_random_biases(built_in(build_policy(config)))
+    observation = random_observation(np.random.default_rng(9), 6, 2.0)
+    gradients = []
+    for inputs in (prepare(observation, config), dense(observation, config)):
+        network.zero_grad()
+        network(inputs).square().sum().backward()
+        gradients.append([p.grad.clone() for p in network.parameters() if p.grad is not None])
+    assert len(gradients[0]) == len(list(network.parameters()))
+    for one, other in zip(*gradients, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-3, rtol=1e-3)
+    # As actors on bfloat16 hardware evaluate it, too.
+    with torch.no_grad():
+        fine = torch.log_softmax(network(prepare(observation, config)), 1)
+        network.freeze()
+        coarse = network.coarse()
+        coarse.freeze()
+        with torch.autocast("cpu", torch.bfloat16):
+            about = torch.log_softmax(coarse(prepare(observation, config)).float(), 1)
+    torch.testing.assert_close(about, fine, atol=0.15, rtol=0.1)
+
+
+def test_without_layer_norm_weights_are_those_of_before(config: RunConfig) -> None:
+    names = set(build_policy(config).state_dict())
+    assert not any("norm" in name for name in names)
+    normed = config.model_copy(
+        update={"network": config.network.model_copy(update={"layer_norm": True})}
+    )
+    policy = build_policy(normed)
+    assert set(policy.state_dict()) - names == {"norm.weight", "norm.bias"}
+    blob = to_bytes(build_policy(config), policy_metadata(config, 1, 1))
+    with pytest.raises(UserError, match="no layer norm; this configuration has a layer norm"):
+        load_into(policy, blob, "old", normed)
+
+
+def test_a_network_of_ones_own_normalizes_for_itself() -> None:
+    with pytest.raises(ValueError, match="layer_norm is of the built-in network's trunk"):
+        make_config(policy="my_module:Network", layer_norm=True)
