@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation, VectorNavigation
 from lndrl.navigation.observation import dequantise
-from lndrl.navigation.terms import without_terms
+from lndrl.navigation.terms import as_tested
 from lndrl.policy.export.graph import OUTPUT, goal_values
 from lndrl.policy.inference import PolicyRunner
 
@@ -69,7 +69,7 @@ def open_session(model: bytes) -> onnxruntime.InferenceSession:
 def observations_met(runner: PolicyRunner, count: int, seed: int) -> Observation:
     """``count`` observations that the policy meets where it was trained, acting as in training."""
     # What it is paid does not matter here, and terms of one's own would have to be trusted.
-    config = without_terms(runner.config).model_copy(update={"seed": seed})
+    config = as_tested(runner.config).model_copy(update={"seed": seed})
     worlds = VectorNavigation(config, worlds=min(_WORLDS, count))
     generator = np.random.default_rng(seed)
     parts, number = [worlds.observation.copy()], len(worlds)
