@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from lndrl.config import NetworkConfig, RunConfig
 from lndrl.navigation import Observation, draw_pedestrian_map
+from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy import Inputs, NavigationNetwork, build_policy, build_value, prepare
 from lndrl.policy.structure import map_structure
 from lndrl.scenario import Scenario
@@ -204,3 +205,27 @@ def test_variances_are_scaled_where_the_networks_read_them() -> None:
         expected = plain(prepare(larger, make_config(**SMALL)))
         torch.testing.assert_close(scaled(prepare(observation, make_config(**SMALL))), expected)
         assert not torch.allclose(plain(prepare(observation, make_config(**SMALL))), expected)
+
+
+def test_the_value_network_alone_sees_privileged_floats() -> None:
+    plain = make_config()
+    config = plain.model_copy(
+        update={"learner": plain.learner.model_copy(update={"privileged_critic": True})}
+    )
+    policy, value = build_policy(config), build_value(config)
+    assert list(policy.state_dict()) == list(build_policy(plain).state_dict())
+    new = set(value.state_dict()) - set(build_value(plain).state_dict())
+    assert new == {"privileged_encoder.weight", "privileged_encoder.bias"}
+    rng = np.random.default_rng(0)
+    observation = random_observation(rng, 3, 1.0)
+    floats = rng.normal(size=(3, len(NAMES))).astype(np.float32)
+    one, other = (prepare(observation, config, each) for each in (floats, floats + 1.0))
+    with torch.no_grad():
+        assert torch.equal(policy(one), policy(other))
+        assert not torch.equal(value(one), value(other))
+        assert torch.equal(value(one), value(prepare(observation, config, floats.copy())))
+    with pytest.raises(ValueError, match="needs privileged floats"):
+        value(prepare(observation, config))
+    value(one).sum().backward()
+    assert isinstance(value, NavigationNetwork) and value.privileged_encoder is not None
+    assert value.privileged_encoder.weight.grad is not None
