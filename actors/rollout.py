@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from actors.laps import Laps
 from actors.teaching import Teacher
+from actors.witness import Witness
 from lndrl.config import RunConfig
 from lndrl.kernels import expect
 from lndrl.navigation import (
@@ -27,6 +28,7 @@ from lndrl.navigation import (
 )
 from lndrl.navigation.batch import KERNELS
 from lndrl.navigation.families import first_world_of_actor
+from lndrl.navigation.privileged.kernel import know_worlds
 from lndrl.policy import Guidance, PolicyRunner
 from lndrl.randomness import Stream
 
@@ -63,11 +65,17 @@ class Rollout:
         self.steps = config.actor.horizon
         self.worlds = worlds or config.worlds_per_actor()
         self.version = -1  # no weights yet
-        expect(*KERNELS)  # the policy's first ones are compiled before there is a world
+        # The policy's first ones are compiled before there is a world.
+        expect(*KERNELS, *((know_worlds,) if config.learner.privileged_critic else ()))
         self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         surroundings = build_surroundings(config)
         self.environment = VectorNavigation(
-            config, first_world_of_actor(actor_index), self.worlds, first_episode, surroundings
+            config,
+            first_world_of_actor(actor_index),
+            self.worlds,
+            first_episode,
+            surroundings,
+            config.learner.privileged_critic,
         )
         self.guidance = Guidance()
         self.teacher = None if config.ppo.teacher is None else Teacher(config, self.worlds)
@@ -107,6 +115,7 @@ class Rollout:
         terminated, truncated = np.zeros((2, steps, worlds), np.uint8)
         finals = [Observation.zeros_for(0, self.config)]
         episodes: list[EpisodeRecord] = []
+        witness = Witness(environment, steps)
         if self.teacher is not None:
             self.teacher.begin(steps, self.guidance, generator)
 
@@ -114,6 +123,7 @@ class Rollout:
             if stopped():
                 return None
             observation.put(t, environment.observation)
+            witness.see(t)
             self.laps.lap("other")
             given = self.teacher.teach(t, environment.observation) if self.teacher else None
             act = self.runner.act(environment.observation, generator, given=given)
@@ -129,6 +139,7 @@ class Rollout:
             needed = ~result.terminated if t == steps - 1 else result.truncated
             if needed.any():
                 finals.append(following(environment.observation, result, needed))
+                witness.follow(result, needed)
 
         trajectory = Trajectory(
             observation=observation,
@@ -141,6 +152,8 @@ class Rollout:
             final_index=final_indices(terminated, truncated),
             final_observation=Observation.concatenate(finals),
             teacher=None if self.teacher is None else self.teacher.labels(),
+            privileged=witness.privileged,
+            final_privileged=witness.finals(),
         )
         return Chunk(trajectory, episodes)
 

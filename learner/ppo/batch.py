@@ -21,7 +21,8 @@ class Batch:
     observation (N) and the arrays (N,) go chunk by chunk, each flattened as t * B + b;
     final_observation (F) likewise in the order of the chunks. In a run with a teacher, teacher
     float16 (N, A) holds what it says that each action costs above its cheapest, and taught
-    float32 (N,) is 1 where it was asked, else 0.
+    float32 (N,) is 1 where it was asked, else 0. With a privileged critic, privileged float32
+    (N, K) and final_privileged (F, K) are what it sees beside the observations.
     """
 
     trajectories: tuple[Trajectory, ...]
@@ -32,6 +33,8 @@ class Batch:
     version: NDArray[np.int64]
     teacher: NDArray[np.float16] | None = None
     taught: NDArray[np.float32] | None = None
+    privileged: NDArray[np.float32] | None = None
+    final_privileged: NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         return len(self.action)

@@ -31,13 +31,15 @@ class RolloutStore:
         self._version = np.empty(0, np.int64)
         self._teacher = np.empty((0, 0), np.float16)
         self._taught = np.empty(0, np.float32)
+        self._privileged, self._final_privileged = np.empty((2, 0, 0), np.float32)
 
     def fill(self, trajectories: Sequence[Trajectory]) -> tuple[Any, ...]:
         """Copy at least one trajectory in, chunk by chunk, each flattened as t * B + b.
 
         Returns views: observation (N), final observation (F), action int64 (N,), log_prob
         float32 (N,), version int64 (N,), and in a run with a teacher its costs float16 (N, A) and
-        where it was asked float32 (N,), else None twice.
+        where it was asked float32 (N,), else None twice; with a privileged critic what it sees of
+        samples float32 (N, K) and finals (F, K), else None twice.
         """
         samples = sum(t.action.size for t in trajectories)
         finals = sum(len(t.final_index) for t in trajectories)
@@ -69,7 +71,27 @@ class RolloutStore:
             self._version[:samples],
             None if teacher is None else self._teacher[:samples],
             None if teacher is None else self._taught[:samples],
+            *self._fill_privileged(trajectories, samples, finals),
         )
+
+    def _fill_privileged(
+        self, trajectories: Sequence[Trajectory], samples: int, finals: int
+    ) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+        """Copy in what only the critic sees of samples and finals, where the run has it."""
+        known = [t.privileged for t in trajectories if t.privileged is not None]
+        of_finals = [t.final_privileged for t in trajectories if t.final_privileged is not None]
+        if not known:
+            return None, None
+        assert self._observation is not None and self._final is not None
+        width = known[0].shape[-1]
+        if self._privileged.shape != (len(self._observation), width):
+            self._privileged = self._array((len(self._observation), width), np.float32)
+        if self._final_privileged.shape != (len(self._final), width):
+            self._final_privileged = self._array((len(self._final), width), np.float32)
+        rows, ends = self._privileged[:samples], self._final_privileged[:finals]
+        np.concatenate([each.reshape(-1, width) for each in known], out=rows)
+        np.concatenate(of_finals, out=ends)
+        return rows, ends
 
     def _fill_taught(self, trajectories: Sequence[Trajectory], actions: int) -> None:
         """Copy in what the teacher said; zeros, marked so, where it was not asked."""

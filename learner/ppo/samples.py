@@ -14,6 +14,7 @@ from torch import Tensor
 from learner.ppo.batch import Batch
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation, action_table
+from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy import CompactObservation, Inputs, prepare
 
 Rows = slice | Tensor
@@ -48,6 +49,7 @@ class Samples:
         Returns whether memory on the device moved.
         """
         self._observation, self._final = batch.observation, batch.final_observation
+        self._known, self._final_known = batch.privileged, batch.final_privileged
         self.action = torch.from_numpy(batch.action)
         self.log_prob = torch.from_numpy(batch.log_prob)
         if batch.teacher is not None and batch.taught is not None:
@@ -64,19 +66,23 @@ class Samples:
 
     def inputs(self, key: Hashable, rows: Rows) -> Inputs:
         """Inputs of samples; ``key`` names ``rows`` to those who share inputs."""
-        return self._prepare(self._observation, rows)
+        return self._prepare(self._observation, self._known, rows)
 
     def final_inputs(self, key: Hashable, rows: Rows) -> Inputs:
         """Inputs of the observations that only bootstrap."""
-        return self._prepare(self._final, rows)
+        return self._prepare(self._final, self._final_known, rows)
 
     def orders(self, orders: list[NDArray[np.int64]]) -> list[Tensor]:
         """Permutations of the rows, on ``device``."""
         return list(torch.from_numpy(np.stack(orders)).to(self.device, non_blocking=True))
 
-    def _prepare(self, observation: Observation, rows: Rows) -> Inputs:
+    def _prepare(
+        self, observation: Observation, known: NDArray[np.float32] | None, rows: Rows
+    ) -> Inputs:
         index = rows if isinstance(rows, slice) else rows.numpy()
-        return prepare(observation.take(index), self.config)
+        return prepare(
+            observation.take(index), self.config, None if known is None else known[index]
+        )
 
 
 class DeviceSamples(Samples):
@@ -95,8 +101,12 @@ class DeviceSamples(Samples):
         if config.ppo.teacher is not None:
             self._columns += ("teacher", "taught")
             self.teacher = torch.empty(0, len(action_table(config.task)), dtype=torch.float16)
+        self.privileged = torch.empty(0, len(NAMES), device=device)
+        if config.learner.privileged_critic:
+            self._columns += ("privileged",)
         for name in self._columns:
             setattr(self, name, getattr(self, name).to(device))
+        self.final_privileged = self.privileged
 
     def load(self, batch: Batch) -> bool:
         """Upload ``batch``, from pinned memory without waiting; whether memory moved."""
@@ -108,7 +118,9 @@ class DeviceSamples(Samples):
                 column = getattr(self, name)
                 setattr(self, name, column.new_zeros(capacity, *column.shape[1:]))
         if len(batch.final_observation) > len(self._finals.goal):
-            self._finals = _room(self._finals, int(_SPARE * len(batch.final_observation)) + 1)
+            room = int(_SPARE * len(batch.final_observation)) + 1
+            self._finals = _room(self._finals, room)
+            self.final_privileged = self.privileged.new_zeros(room, len(NAMES))
         self._rows.copy_(CompactObservation.view(batch.observation))
         self._finals.copy_(CompactObservation.view(batch.final_observation))
         self._upload("action", torch.from_numpy(batch.action))
@@ -116,6 +128,9 @@ class DeviceSamples(Samples):
         if batch.teacher is not None and batch.taught is not None:
             self._upload("teacher", torch.from_numpy(batch.teacher))
             self._upload("taught", torch.from_numpy(batch.taught))
+        if batch.privileged is not None and batch.final_privileged is not None:
+            self._upload("privileged", torch.from_numpy(batch.privileged))
+            self._upload("final_privileged", torch.from_numpy(batch.final_privileged))
         return moved
 
     def set_goals(
@@ -128,11 +143,19 @@ class DeviceSamples(Samples):
 
     def inputs(self, key: Hashable, rows: Rows) -> Inputs:
         """As of Samples; ``key`` is not needed, nothing is shared between streams."""
-        return Inputs(*self._rows.take(rows).expand(self.config.task))
+        return self._expanded(self._rows, self.privileged, rows)
 
     def final_inputs(self, key: Hashable, rows: Rows) -> Inputs:
         """As of Samples."""
-        return Inputs(*self._finals.take(rows).expand(self.config.task))
+        return self._expanded(self._finals, self.final_privileged, rows)
+
+    def _expanded(self, compact: CompactObservation, known: Tensor, rows: Rows) -> Inputs:
+        drawn = compact.take(rows).expand(self.config.task)
+        if not self.config.learner.privileged_critic:
+            return Inputs(*drawn)
+        return Inputs(
+            *drawn, known[rows] if isinstance(rows, slice) else known.index_select(0, rows)
+        )
 
     def _upload(self, name: str, column: Tensor) -> None:
         getattr(self, name)[: len(column)].copy_(column, non_blocking=True)

@@ -25,6 +25,7 @@ from torch import Tensor
 
 from learner.ppo.adam import Adam
 from learner.ppo.update import PPO
+from learner.run.privilege import widened_moments, widened_value
 from lndrl.errors import UserError
 from lndrl.numbering import checkpoint_name, checkpoints_in, step_of
 from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
@@ -136,8 +137,10 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
     if ppo.average is not None:
         load_into(ppo.average.network, files[POLICY_FILE], str(path / POLICY_FILE), ppo.config)
         ppo.average.updates = averaged
-    load_into(ppo.value, files[VALUE_FILE], str(path / VALUE_FILE))
+    where = str(path / VALUE_FILE)
+    load_into(ppo.value, widened_value(files[VALUE_FILE], ppo.value, where), where)
     try:
+        optimizer = widened_moments(optimizer, ppo.value)
         _restore_optimizers(ppo, optimizer, rates, path)
         ppo.rng.bit_generator.state = generator
     except (ValueError, KeyError, TypeError, OverflowError, RuntimeError) as error:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation, Trajectory, final_indices
+from lndrl.navigation.privileged.floats import LIMIT, NAMES
 from lndrl.transport import ChunkHeader, Hello
 from lndrl.version import VERSION
 
@@ -39,6 +40,8 @@ def forged_arrays(
         version=np.full(shape, version, np.uint32),
         final_index=index,
         final_observation=_observation(config, draw, (len(index),)),
+        privileged=_privileged(config, draw, shape),
+        final_privileged=_privileged(config, draw, (len(index),)),
     ).to_arrays()
 
 
@@ -52,6 +55,15 @@ def _observation(
     observation.pedestrian_count[:] = 1
     observation.pedestrians[..., 0, :] = draw.uniform(-0.5, 0.5, (*shape, 4))
     return observation
+
+
+def _privileged(
+    config: RunConfig, draw: np.random.Generator, shape: tuple[int, ...]
+) -> NDArray[np.float32] | None:
+    """What a critic would see, in a run whose critic sees more."""
+    if not config.learner.privileged_critic:
+        return None
+    return draw.uniform(-LIMIT, LIMIT, (*shape, len(NAMES))).astype(np.float32)
 
 
 def forged_hello(actor_id: str, life: str, worlds: int = 1) -> Hello:

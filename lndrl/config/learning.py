@@ -178,6 +178,11 @@ class LearnerConfig(Model):
         "auto",
         description="of the products in the networks; weights stay float32. auto: bfloat16 on GPUs",
     )
+    privileged_critic: Annotated[bool, LATER] = Field(
+        False,
+        description="the value network alone also sees what only the simulator knows: the belief's "
+        "true error, its clusters, people outside of the view (docs/training.md); actors send it",
+    )
     cuda_graphs: bool = Field(True, description="replay gradient steps on GPUs as CUDA graphs")
     start: str | None = Field(
         None,

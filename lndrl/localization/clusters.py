@@ -63,6 +63,17 @@ def heaviest(bins, k):
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def _second(bins, k, best):
+    """The root with the greatest mass but for ``best``, after ``heaviest``; -1 without one."""
+    second = -1
+    for b in range(k):
+        root = bins.parent[b] == b and b != best
+        if root and (second < 0 or bins.sums[0, b] > bins.sums[0, second]):
+            second = b
+    return second
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
 def two_heaviest(weights, count, bin_of, bins, k, masses):
     """Write the shares of the weight in the heaviest and the second heaviest cluster to ``masses``.
 
@@ -80,12 +91,41 @@ def two_heaviest(weights, count, bin_of, bins, k, masses):
         return
     connect(bins, k)
     best = heaviest(bins, k)
-    second = 0.0
-    for b in range(k):
-        if bins.parent[b] == b and b != best:
-            second = max(second, bins.sums[0, b])
+    second = _second(bins, k, best)
     masses[0] = bins.sums[0, best] / everything
-    masses[1] = second / everything
+    masses[1] = bins.sums[0, second] / everything if second >= 0 else 0.0
+
+
+@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+def two_places(particles, weights, count, bin_of, bins, k, places):
+    """Write share of the weight and mean x, y (m) of the two heaviest clusters to ``places``.
+
+    ``places`` is (2, 3), the heaviest first; zeros where there is no such cluster. ``particles``
+    has rows x, y, ...; all else as in ``two_heaviest``.
+    """
+    places[:] = 0.0
+    k = min(k, bins.key.size)
+    count = min(count, weights.size, bin_of.size, particles.shape[1])
+    everything = 0.0
+    for i in range(count):
+        b = bin_of[i]
+        if 0 <= b < k:
+            w = weights[i]
+            bins.sums[0, b] += w
+            # Relative to one particle, as in ``estimate``.
+            bins.sums[1, b] += w * (particles[0, i] - particles[0, 0])
+            bins.sums[2, b] += w * (particles[1, i] - particles[1, 0])
+            everything += w
+    if not everything > 0.0:
+        return
+    connect(bins, k)
+    best = heaviest(bins, k)
+    for row, root in ((0, best), (1, _second(bins, k, best))):
+        if root >= 0 and bins.sums[0, root] > 0.0:
+            mass = bins.sums[0, root]
+            places[row, 0] = mass / everything
+            places[row, 1] = particles[0, 0] + bins.sums[1, root] / mass
+            places[row, 2] = particles[1, 0] + bins.sums[2, root] / mass
 
 
 @njit(cache=True, nogil=True, _nrt=False, error_model="numpy")

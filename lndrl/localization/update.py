@@ -80,7 +80,7 @@ def spread_belief(belief, scratch, bins, field):
 
 
 @njit(inline="always")
-def _fits(belief, scratch, bins):
+def fits(belief, scratch, bins):
     """Whether there is a set, and room to work on it: not before the first reset."""
     numbers = belief.numbers
     room = min(belief.weights.size, scratch.keys.size, bins.key.size)
@@ -91,7 +91,7 @@ def _fits(belief, scratch, bins):
 def summarise(belief, scratch, bins):
     """Estimate and covariance of the current set as it is."""
     count = belief.numbers[COUNT]
-    if not _fits(belief, scratch, bins):
+    if not fits(belief, scratch, bins):
         return
     particles = belief.particles[belief.numbers[CURRENT]]
     k = fill_bins(particles, count, scratch, bins)
@@ -231,7 +231,7 @@ def update_belief(
     where it is true: who takes four updates and looks once need not pay for four estimates.
     """
     numbers = belief.numbers
-    if not _fits(belief, scratch, bins):
+    if not fits(belief, scratch, bins):
         return False
     if not _gate(odometry, belief, settings):
         if publish and numbers[UNPUBLISHED] != 0:

@@ -22,6 +22,8 @@ from lndrl.localization.update import reset_belief
 from lndrl.maps.paths import leg_keeps
 from lndrl.maps.raycast import sample_field
 from lndrl.navigation.observation import SCAN_COUNTS, Observation
+from lndrl.navigation.privileged.floats import NAMES
+from lndrl.navigation.privileged.kernel import know_worlds
 from lndrl.navigation.reward import pose_error_limit, reward_weights
 from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
 from lndrl.navigation.terms import own_terms
@@ -158,6 +160,17 @@ class NavigationBatch:
         """Rewrite the observation of ``world``; nothing is paid."""
         self._check_worlds(world, 1)
         judge_worlds(self._packed, world, 1, True)
+
+    def know(self, out: NDArray[np.float32], first: int = 0) -> None:
+        """Write the privileged floats of n worlds from ``first`` on to ``out`` (n, len(NAMES)).
+
+        They are of the moment that was last observed. Raises ValueError for worlds that are not
+        there, or an array of another width or kind.
+        """
+        if out.dtype != np.float32 or out.ndim != 2 or out.shape[1] != len(NAMES):
+            raise ValueError(f"privileged floats need a float32 (n, {len(NAMES)}) to be written to")
+        self._check_worlds(first, len(out))
+        know_worlds(self._packed, first, out)
 
     def _check_worlds(self, first: int, count: int) -> None:
         if not 0 <= first <= first + count <= self.worlds:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig, TaskConfig
 from lndrl.navigation.observation import Observation
+from lndrl.navigation.privileged.floats import LIMIT, NAMES
 
 _TOLERANCE = 1e-4  # float32 rounding of bounds that were kept in float64
 _MAX_COORDINATE = 1e6  # m; far beyond any map, keeps float32 arithmetic finite
@@ -46,16 +47,24 @@ SCHEMA: dict[str, tuple[str, tuple[str | int, ...]]] = {
 TEACHER = "teacher"
 MOST_COST = 60_000.0
 """Cost of an action above the teacher's cheapest, at most: nearly the largest float16."""
+PRIVILEGED, FINAL_PRIVILEGED = "privileged", "final_privileged"
 # L is T where a teacher has labelled the chunk, else 0; A actions.
 OPTIONAL: dict[str, tuple[str, tuple[str | int, ...]]] = {
     TEACHER: ("<f2", ("L", "B", "A")),
+    PRIVILEGED: ("<f4", ("T", "B", len(NAMES))),
+    FINAL_PRIVILEGED: ("<f4", ("F", len(NAMES))),
 }
 """Arrays that only some runs have, see ``schema_of``."""
 
 
 def schema_of(config: RunConfig) -> dict[str, tuple[str, tuple[str | int, ...]]]:
     """The arrays of an upload in a run of ``config``: those of ``SCHEMA``, and some of OPTIONAL."""
-    wanted = {TEACHER: config.ppo.teacher is not None}
+    privileged = config.learner.privileged_critic
+    wanted = {
+        TEACHER: config.ppo.teacher is not None,
+        PRIVILEGED: privileged,
+        FINAL_PRIVILEGED: privileged,
+    }
     return SCHEMA | {name: OPTIONAL[name] for name in OPTIONAL if wanted[name]}
 
 
@@ -106,6 +115,8 @@ class Trajectory:
     (T, B); final_index int32 (F,) from ``final_indices`` and final_observation (F,).
     teacher float16 (T, B, A): what the run's teacher says that each action costs above its
     cheapest, at most MOST_COST; (0, B, A) where it was not asked, None in a run without one.
+    privileged float32 (T, B, K), final_privileged (F, K): what only the critic sees of the states
+    observed (``lndrl.navigation.privileged``), None in a run without learner.privileged_critic.
     """
 
     observation: Observation
@@ -118,6 +129,8 @@ class Trajectory:
     final_index: NDArray[np.int32]
     final_observation: Observation
     teacher: NDArray[np.float16] | None = None
+    privileged: NDArray[np.float32] | None = None
+    final_privileged: NDArray[np.float32] | None = None
 
     @property
     def steps(self) -> int:
@@ -149,8 +162,9 @@ class Trajectory:
             "final_pedestrian_count": final.pedestrian_count,
             "final_goal": final.goal,
         }
-        if self.teacher is not None:
-            arrays[TEACHER] = self.teacher
+        for name in OPTIONAL:
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)
         kinds = SCHEMA | OPTIONAL
         return {
             name: np.ascontiguousarray(array, dtype=kinds[name][0])
@@ -182,13 +196,14 @@ class Trajectory:
             )
             for prefix in prefixes
         )
+        optional: dict[str, Any] = {name: checked.get(name) for name in OPTIONAL}
         rest = ("action", "log_prob", "reward", "terminated", "truncated", "version")
         return cls(
             observation=observation,
             final_index=checked["final_index"],
             final_observation=final,
-            teacher=checked.get(TEACHER),
             **{name: checked[name] for name in rest},
+            **optional,
         )
 
 
@@ -255,6 +270,9 @@ def _check_ranges(arrays: dict[str, NDArray[Any]], task: TaskConfig) -> None:
     actions = _actions(task)
     if TEACHER in arrays:
         _require(arrays, TEACHER, lambda a: (a >= 0.0) & (a <= MOST_COST), "finite, from 0 on")
+    for name in {PRIVILEGED, FINAL_PRIVILEGED} & arrays.keys():
+        bound = f"finite, at most {LIMIT:g} either way"
+        _require(arrays, name, lambda a: np.abs(a) <= LIMIT, bound)
     _require(arrays, "action", lambda a: a < actions, f"below {actions}")
     # A probability of 1 may round to a log probability a hair above 0.
     _require(

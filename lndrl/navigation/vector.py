@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.kernels import expect
 from lndrl.localization import LikelihoodMap
 from lndrl.navigation.actions import action_table
 from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord
 from lndrl.navigation.navigation import Navigation, build_surroundings
 from lndrl.navigation.observation import Observation
+from lndrl.navigation.privileged.floats import NAMES
+from lndrl.navigation.privileged.kernel import know_worlds
 from lndrl.navigation.track import RUNNING, TIMEOUT
 from lndrl.world import Place
 
@@ -24,8 +27,9 @@ from lndrl.world import Place
 class StepResult:
     """One step of B worlds.
 
-    ``final_observation`` (B,) is reused by the next step; only rows whose world terminated or
-    was truncated in this step are meaningful. The other arrays are new each step.
+    ``final_observation`` (B,) and ``final_privileged`` are reused by the next step; only rows whose
+    world terminated or was truncated in this step are meaningful. The other arrays are new each
+    step.
     """
 
     reward: NDArray[np.float32]  # (B,)
@@ -34,6 +38,9 @@ class StepResult:
     final_observation: Observation
     episodes: list[EpisodeRecord]
     parts: NDArray[np.float64]  # (B, parts) the reward's summands, see ``Navigation.part_names``
+    final_privileged: NDArray[np.float32] | None = (
+        None  # (B, K), see ``VectorNavigation.privileged``
+    )
 
 
 class VectorNavigation:
@@ -43,6 +50,9 @@ class VectorNavigation:
     happens in one world never depends on the others. ``observation`` (B,) is rewritten in place
     by ``step``: copy what must outlive it. ``on_end``, when set, is called with a world that has
     just ended and its record, before that world starts its next episode.
+
+    ``privileged`` float32 (B, K), likewise rewritten in place, is what only a critic may see of the
+    state that is observed (``lndrl.navigation.privileged``); None unless it is asked for.
 
     A copy (``copy.deepcopy``, ``pickle``) has memory of its own and goes on bit for bit the same.
     """
@@ -54,6 +64,7 @@ class VectorNavigation:
         worlds: int = 1,
         first_episode: int = 0,
         surroundings: tuple[Place, LikelihoodMap] | None = None,
+        privileged: bool = False,
     ) -> None:
         self.config = config
         self.first_episode = first_episode
@@ -61,6 +72,10 @@ class VectorNavigation:
         self.observation = Observation.zeros_for(worlds, config)
         self.on_end: Callable[[Navigation, EpisodeRecord], None] | None = None
         self._final = Observation.zeros_for(worlds, config)
+        if privileged:
+            expect(know_worlds)
+        self.privileged = np.zeros((worlds, len(NAMES)), np.float32) if privileged else None
+        self._final_privileged = None if self.privileged is None else self.privileged.copy()
         place, field = surroundings or build_surroundings(config)
         # In a random scenario every world has a place of its own, and so memory of its own.
         self._batch: NavigationBatch | None = None
@@ -92,8 +107,9 @@ class VectorNavigation:
 
     def reset_all(self) -> None:
         """Start every world at ``first_episode`` again."""
-        for world in self.worlds:
+        for i, world in enumerate(self.worlds):
             world.reset(self.first_episode)
+            self._know(i)
 
     def step(self, actions: NDArray[np.integer]) -> StepResult:
         """Take action numbers (B,); raises ValueError when one is not in the table."""
@@ -116,6 +132,7 @@ class VectorNavigation:
             final_observation=self._final,
             episodes=[],
             parts=self._parts(),
+            final_privileged=self._final_privileged,
         )
         for i in np.flatnonzero(outcome).tolist():
             self._end(i, result)
@@ -126,10 +143,19 @@ class VectorNavigation:
         if self._batch is not None:
             self._batch.drive(commands)
             self._batch.judge()
+            if self.privileged is not None:
+                self._batch.know(self.privileged)
             return
         for i, world in enumerate(self.worlds):
             world.batch.drive(commands[i : i + 1])
             world.batch.judge()
+            self._know(i)
+
+    def _know(self, i: int) -> None:
+        """Write the privileged floats of world ``i``, where they are asked for."""
+        if self.privileged is not None:
+            world = self.worlds[i]
+            world.batch.know(self.privileged[i : i + 1], world.index)
 
     def _judged(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Rewards and outcomes (B,) of the last step; views where the worlds share memory."""
@@ -154,4 +180,7 @@ class VectorNavigation:
         self._final.put(i, world.observation)
         if self.on_end is not None:
             self.on_end(world, record)
+        if self.privileged is not None and self._final_privileged is not None:
+            self._final_privileged[i] = self.privileged[i]
         world.reset()
+        self._know(i)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from lndrl.config import RunConfig
@@ -22,17 +23,22 @@ class Inputs:
 
     scan: float32 (N, scan_frames * beams) in [0, 1]. goal: float32 (N, 6). people: the pedestrian
     maps, either dense float32 (N, 3, cells, cells) or as the structure of their non-empty parts;
-    None for a network that reads none.
+    None for a network that reads none. privileged: float32 (N, K) for the value network alone, see
+    ``lndrl.navigation.privileged``; None where nobody knows them, as in all acting.
     """
 
     scan: Tensor
     goal: Tensor
     people: Tensor | MapStructure | None
+    privileged: Tensor | None = None
 
 
-def prepare(observation: Observation, config: RunConfig) -> Inputs:
+def prepare(
+    observation: Observation, config: RunConfig, privileged: NDArray[np.float32] | None = None
+) -> Inputs:
     """Network inputs on the CPU of observations (N,); sparse where that is possible.
 
+    ``privileged`` (N, K) is what the value network also sees, where the run has it.
     Both networks can share the result, which holds no weights. Other devices make their inputs
     themselves, from a CompactObservation.
     """
@@ -47,7 +53,8 @@ def prepare(observation: Observation, config: RunConfig) -> Inputs:
         people = torch.from_numpy(
             draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, config.task)
         ).contiguous(memory_format=torch.channels_last)
-    return Inputs(scan, goal, people)
+    known = None if privileged is None else torch.from_numpy(privileged)
+    return Inputs(scan, goal, people, known)
 
 
 def supports_sparse(config: RunConfig) -> bool:

@@ -20,6 +20,7 @@ from lndrl.config import RunConfig
 from lndrl.config.learning import BUILT_IN, SCAN_ENCODERS
 from lndrl.extensions import ENCODER, NETWORK, find
 from lndrl.navigation import action_table
+from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy.inputs import Inputs, pooling_factor
 from lndrl.policy.own import OwnEncoder, OwnNetwork
 from lndrl.policy.scan import scan_convolutions
@@ -201,12 +202,13 @@ class NavigationNetwork(nn.Module):
 
     ``config.network`` may leave the pedestrian map or the variances out, or read several scans the
     way DRL_laser does; without a map that network is Fan et al.'s whole one, whose trunk reads the
-    goal itself. Either encoder may be a class of the user's own.
+    goal itself. Either encoder may be a class of the user's own. ``privileged`` is how many
+    privileged floats it reads, too; the trunk's last columns are theirs.
     """
 
     goal_scale: Tensor
 
-    def __init__(self, config: RunConfig, outputs: int) -> None:
+    def __init__(self, config: RunConfig, outputs: int, privileged: int = 0) -> None:
         super().__init__()
         network = config.network
         fan = network.scan_encoder == "fan"
@@ -219,6 +221,10 @@ class NavigationNetwork(nn.Module):
         joined = self.scan_encoder.features
         joined += self.goals if plain else network.goal_features
         joined += 0 if self.map_encoder is None else self.map_encoder.features
+        self.privileged_encoder: nn.Linear | None = None
+        if privileged:
+            self.privileged_encoder = nn.Linear(privileged, network.goal_features)
+            joined += network.goal_features
         trunk = FAN_TRUNK_FEATURES if plain else network.features
         self.trunk = nn.Linear(joined, trunk)
         self.norm = nn.LayerNorm(trunk) if network.layer_norm else None
@@ -238,6 +244,10 @@ class NavigationNetwork(nn.Module):
         parts.append(self.scan_encoder(inputs.scan))
         goal = inputs.goal[:, : self.goals] * self.goal_scale
         parts.append(goal if self.goal_encoder is None else F.relu(self.goal_encoder(goal)))
+        if self.privileged_encoder is not None:
+            if inputs.privileged is None:
+                raise ValueError("this value network needs privileged floats in its inputs")
+            parts.append(F.relu(self.privileged_encoder(inputs.privileged)))
         units = self.trunk(torch.cat(parts, dim=1))
         trunk = F.relu(units if self.norm is None else self.norm(units))
         # Values and log-probabilities with the eight bits of bfloat16 would be too coarse.
@@ -298,10 +308,14 @@ def build_policy(config: RunConfig) -> Network:
 
 
 def build_value(config: RunConfig) -> Network:
-    """The value network: one linear unit; 7,601,953 parameters with the paper's numbers."""
+    """The value network: one linear unit; 7,601,953 parameters with the paper's numbers.
+
+    With ``learner.privileged_critic`` an encoder of the privileged floats more.
+    """
     if find(NETWORK, config.network.policy, (BUILT_IN,), "network.policy") is not None:
         return OwnNetwork(config, 1)
-    return _initialized(NavigationNetwork(config, 1), config, head_gain=1.0)
+    privileged = len(NAMES) if config.learner.privileged_critic else 0
+    return _initialized(NavigationNetwork(config, 1, privileged), config, head_gain=1.0)
 
 
 def _initialized(

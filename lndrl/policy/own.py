@@ -6,6 +6,7 @@ looks once, when it is made, whether its answers are what its place needs.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -14,6 +15,7 @@ from torch import Tensor, nn
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import ENCODER, NETWORK, Hook, calling, find, make
+from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy.inputs import Inputs
 
 _ROWS = 2  # of the trial that a part is looked at with
@@ -33,10 +35,14 @@ class OwnNetwork(nn.Module):
         self._name = config.network.policy
         settings = dict(config.network.policy_settings)
         self.network = _made(NETWORK, self._name, settings, "network.policy", config, outputs)
-        _look(NETWORK, self._name, self.network, lambda: self(trial_inputs(config)))
+        known = outputs == 1 and config.learner.privileged_critic
+        trial = trial_inputs(config, privileged=known)
+        _look(NETWORK, self._name, self.network, lambda: self(trial))
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Head outputs float32 (N, outputs) before any softmax."""
+        if self.outputs != 1:  # what actors do not have must not decide in the learner either
+            inputs = replace(inputs, privileged=None)
         with calling(NETWORK, self._name):
             answer = self.network(inputs)
         _check_shape(NETWORK, self._name, answer, (inputs.goal.shape[0], self.outputs))
@@ -84,7 +90,7 @@ class OwnEncoder(nn.Module):
         return answer
 
 
-def trial_inputs(config: RunConfig, rows: int = _ROWS) -> Inputs:
+def trial_inputs(config: RunConfig, rows: int = _ROWS, privileged: bool = False) -> Inputs:
     """Inputs of ``rows`` empty observations, maps dense."""
     task = config.task
     side = task.map_cells
@@ -92,6 +98,7 @@ def trial_inputs(config: RunConfig, rows: int = _ROWS) -> Inputs:
         scan=torch.zeros(rows, task.scan_frames * config.world.laser.beams),
         goal=torch.zeros(rows, 6),
         people=torch.zeros(rows, 3, side, side) if config.network.pedestrian_map else None,
+        privileged=torch.zeros(rows, len(NAMES)) if privileged else None,
     )
 
 

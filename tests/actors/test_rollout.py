@@ -162,3 +162,32 @@ def test_what_follows_a_step_is_taken_before_the_restart():
     for i, (source, row) in enumerate([(current, 0), (final, 2), (current, 4)]):
         assert_same(rows.take(i), source.take(row))
     assert_same(current, before)
+
+
+def test_what_only_the_critic_sees_is_of_the_same_moments(small_config):
+    """Beside every observation and final observation; the chunk is else as without it."""
+    options = {"task": {"time_limit": 1.2}, "seed": 5}
+    config = small_config(**options, learner={"privileged_critic": True})
+    _, chunk = collected(config, index=2, first_episode=4)
+    got = chunk.trajectory
+    replay = VectorNavigation(config, first_world_of_actor(2), 2, first_episode=4, privileged=True)
+    assert got.privileged is not None and replay.privileged is not None
+    finals = []
+    for t in range(8):
+        np.testing.assert_array_equal(got.privileged[t], replay.privileged)
+        result = replay.step(got.action[t])
+        assert result.final_privileged is not None
+        for b in range(2):
+            if result.truncated[b]:
+                finals.append(result.final_privileged[b].copy())
+            elif t == 7 and not result.terminated[b]:
+                finals.append(replay.privileged[b].copy())
+    assert got.truncated[:-1].any() and len(finals) > 2
+    np.testing.assert_array_equal(got.final_privileged, finals)
+    plain = collected(small_config(**options), index=2, first_episode=4)[1].trajectory
+    assert plain.privileged is None and plain.final_privileged is None
+    arrays = got.to_arrays()
+    for name, array in plain.to_arrays().items():
+        np.testing.assert_array_equal(array, arrays[name], err_msg=name)
+    read = Trajectory.from_arrays(arrays, config)
+    np.testing.assert_array_equal(read.final_privileged, got.final_privileged)

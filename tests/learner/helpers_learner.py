@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.navigation import Observation, Trajectory
+from lndrl.navigation.privileged.floats import NAMES
 from lndrl.navigation.trajectory import final_indices
 
 
@@ -57,6 +58,8 @@ def random_trajectory(
         final_index=index,
         final_observation=random_observations(config, rng, (len(index),)),
         teacher=random_costs(rng, shape) if config.ppo.teacher else None,
+        privileged=random_privileged(config, rng, shape),
+        final_privileged=random_privileged(config, rng, (len(index),)),
     )
 
 
@@ -65,6 +68,15 @@ def random_costs(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np
     costs = rng.uniform(0.0, 5.0, (*shape, 28))
     above: NDArray[np.float16] = (costs - costs.min(axis=-1, keepdims=True)).astype(np.float16)
     return above
+
+
+def random_privileged(
+    config: RunConfig, rng: np.random.Generator, shape: tuple[int, ...]
+) -> np.ndarray | None:
+    """What a privileged critic sees, where the run has one."""
+    if not config.learner.privileged_critic:
+        return None
+    return rng.uniform(-3.0, 3.0, (*shape, len(NAMES))).astype(np.float32)
 
 
 def random_observations(

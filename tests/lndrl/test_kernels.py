@@ -69,7 +69,10 @@ import sys
 from numba.core.dispatcher import Dispatcher
 from lndrl import kernels
 from lndrl.config import load_config
-config = load_config("configs/lndrl.yaml", ["localization.max_particles=600"])
+config = load_config(
+    "configs/lndrl.yaml",
+    ["localization.max_particles=600", "learner.privileged_critic={critic}"],
+)
 if {policy}:
     from actors.rollout import Rollout
     Rollout(config, 0, 1)
@@ -87,10 +90,10 @@ print(len(expected))
 """
 
 
-@pytest.mark.parametrize("policy", [True, False])
-def test_what_is_expected_is_what_is_called(policy: bool) -> None:
+@pytest.mark.parametrize(("policy", "critic"), [(True, False), (True, True), (False, False)])
+def test_what_is_expected_is_what_is_called(policy: bool, critic: bool) -> None:
     """Else "of how many" would grow meanwhile, or never be reached."""
-    lines = run(CALLS.format(policy=policy))[0].splitlines()
+    lines = run(CALLS.format(policy=policy, critic=str(critic).lower()))[0].splitlines()
     missing, unused, count = map(literal_eval, lines)
     assert missing == [] and unused == []
     assert count > 100

@@ -75,6 +75,29 @@ def test_a_gradient_step_is_the_same(trainer, device, joint, minibatch_size) -> 
 
 
 @pytest.mark.parametrize("device", ["cpu", ON_GPU])
+def test_a_critic_that_knows_more_learns_the_same(trainer, device) -> None:
+    """Recorded steps read the floats from memory that moves only when they say so."""
+    knows = {"learner": {"privileged_critic": True}, "epochs": 3}
+    plain, graphed = trainer(**knows), trainer(device, dense=True, **knows)
+    if device == "cpu":
+        for trainee in (graphed._actor, graphed._critic):
+            trainee.graphed = GraphedStep(trainee._whole_step, lambda work: work)
+    # Without a store every batch has memory of its own: what is recorded must not read there.
+    store = RolloutStore(pinned=True) if device == "cuda" else None
+    places = set()
+    for progress, batch in enumerate(batches(plain, 3, store)):
+        expected = plain.update(batch, 0.2 * progress)
+        figures = graphed.update(batch, 0.2 * progress)
+        for name in ("policy_loss", "value_loss", "explained_variance", "gradient_norm_value"):
+            assert figures[name] == pytest.approx(expected[name], rel=1e-3, abs=1e-5), name
+        places.add(graphed.samples.privileged.data_ptr())
+    assert_same(plain, graphed, 2e-2)
+    assert len(places) == 1
+    larger = [random_trajectory(plain.config, seed) for seed in range(9)]
+    assert graphed.samples.load(assemble(larger, store))
+
+
+@pytest.mark.parametrize("device", ["cpu", ON_GPU])
 def test_recorded_steps_train_the_same(trainer, device) -> None:
     """Several updates in reused memory, with a stand-in for the recorder on the CPU."""
     plain = trainer(epochs=3)

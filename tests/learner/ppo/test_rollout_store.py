@@ -38,3 +38,20 @@ def test_contents_are_those_of_the_chunks() -> None:
         joined = np.concatenate([getattr(t, name).reshape(-1) for t in chunks])
         np.testing.assert_array_equal(getattr(batch, name), joined)
     assert (batch.action.dtype, batch.version.dtype) == (np.dtype(np.int64),) * 2
+
+
+def test_privileged_floats_lie_beside_their_observations() -> None:
+    config, store = small_config(learner={"privileged_critic": True}), RolloutStore()
+    assemble([random_trajectory(config, 9, steps=20, worlds=4)], store)
+    chunks = [random_trajectory(config, seed) for seed in (4, 5)]
+    batch = assemble(chunks, store)
+    assert batch.privileged is not None and batch.final_privileged is not None
+    for i, (made, name) in enumerate(
+        ((batch.privileged, "privileged"), (batch.final_privileged, "final_privileged"))
+    ):
+        expected = np.concatenate([getattr(t, name).reshape(-1, made.shape[1]) for t in chunks])
+        np.testing.assert_array_equal(made, expected)
+        assert len(made) == len((batch.observation, batch.final_observation)[i])
+    place = batch.privileged.ctypes.data
+    assert assemble(chunks[:1], store).privileged.ctypes.data == place  # type: ignore[union-attr]
+    assert assemble([random_trajectory(small_config(), 1)], store).privileged is None

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from learner.ppo.batch import assemble
-from learner.ppo.samples import DeviceSamples, SharedInputs
+from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 
@@ -85,3 +85,27 @@ def test_device_memory_stays_until_a_larger_batch_comes() -> None:
     np.testing.assert_allclose(inputs.scan.numpy(), expected, rtol=1e-6)
     final = samples.final_inputs(None, slice(0, 2))
     np.testing.assert_array_equal(final.goal.numpy(), batches[1].final_observation.goal[:2])
+
+
+@pytest.mark.parametrize("on_device", [False, True])
+def test_privileged_floats_come_with_the_inputs_of_their_rows(on_device: bool) -> None:
+    config = small_config(learner={"privileged_critic": True})
+    samples = DeviceSamples(config, torch.device("cpu")) if on_device else Samples(config)
+    large, small = (
+        assemble([random_trajectory(config, seed, steps=steps)])
+        for seed, steps in enumerate((9, 6))
+    )
+    samples.load(large)
+    samples.load(small)
+    assert small.privileged is not None and small.final_privileged is not None
+    for rows in (slice(2, 5), torch.tensor([3, 0, len(small) - 1])):
+        index = rows if isinstance(rows, slice) else rows.numpy()
+        got = samples.inputs("a", rows).privileged
+        assert got is not None
+        np.testing.assert_array_equal(got.numpy(), small.privileged[index])
+    final = samples.final_inputs("b", slice(0, 2)).privileged
+    assert final is not None
+    np.testing.assert_array_equal(final.numpy(), small.final_privileged[:2])
+    plain = DeviceSamples(small_config(), torch.device("cpu")) if on_device else Samples(config)
+    plain.load(assemble([random_trajectory(small_config(), 0)]))
+    assert plain.inputs("a", slice(0, 2)).privileged is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from safetensors.torch import load as load_tensors
@@ -207,6 +208,37 @@ def test_a_missing_or_spoilt_average_is_damage(trained, tmp_path: Path) -> None:
     spoilt.unlink()
     with pytest.raises(UserError, match="damaged"):
         load_checkpoint(path, ppo)
+
+
+def test_a_critic_that_knows_more_begins_with_what_one_that_knew_less_has_learned(
+    trained, tmp_path: Path
+) -> None:
+    plain, knowing = small_config(), small_config(learner={"privileged_critic": True})
+    old = trained(plain, 2)
+    save_checkpoint(tmp_path / "checkpoints", old, Counters(steps=64), BOOKS, 3)
+    new = trained(knowing, 0)
+    start_from(tmp_path, new)
+    batch = assemble([random_trajectory(knowing, 7)])
+    for ppo in (old, new):
+        ppo._load(batch)
+    before, after = (ppo._forward(batch)[1] for ppo in (old, new))
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-6)  # nobody listens to it yet
+    moments = new.value_optimizer.state[new.value.trunk.weight]["exp_avg"]
+    features = knowing.network.goal_features
+    assert torch.equal(
+        moments[:, :-features], old.value_optimizer.state[old.value.trunk.weight]["exp_avg"]
+    )
+    assert not moments[:, -features:].any()
+    new.update(batch, 0.0)
+    assert new.value.trunk.weight[:, -features:].abs().max() > 0
+    save_checkpoint(tmp_path / "checkpoints", new, Counters(steps=128), BOOKS, 3)
+    again = trained(knowing, 0)
+    start_from(tmp_path, again)
+    for one, other in zip(new.value.parameters(), again.value.parameters(), strict=True):
+        assert torch.equal(one, other)
+    expected = r"saw privileged floats.*set learner\.privileged_critic: true"
+    with pytest.raises(UserError, match=expected):
+        start_from(tmp_path, trained(plain, 0))
 
 
 def test_what_a_full_disk_left_behind_is_removed(trained, tmp_path: Path, monkeypatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,14 @@ from hypothesis import strategies as st
 
 from lndrl.config import RunConfig, TaskConfig, WorldConfig
 from lndrl.navigation.observation import Observation
-from lndrl.navigation.trajectory import SCHEMA, Trajectory, final_indices
+from lndrl.navigation.privileged.floats import LIMIT, NAMES
+from lndrl.navigation.trajectory import (
+    SCHEMA,
+    Trajectory,
+    final_indices,
+    most_bytes,
+    schema_of,
+)
 
 BEAMS, PEOPLE = 12, 4
 CONFIG = RunConfig.model_validate(
@@ -248,3 +257,54 @@ def test_room_for_labels_is_counted() -> None:
 
     labels = TAUGHT.actor.horizon * 5 * 28 * 2
     assert most_bytes(TAUGHT, 5) - most_bytes(CONFIG, 5) == labels
+
+
+KNOWING = CONFIG.model_copy(
+    update={"learner": CONFIG.learner.model_copy(update={"privileged_critic": True})}
+)
+
+
+def knowing_arrays() -> dict[str, np.ndarray]:
+    """An upload of a run whose critic sees more."""
+    rng = np.random.default_rng(8)
+    sent = random_trajectory(5, 6, 3)
+    sent.privileged = rng.uniform(-LIMIT, LIMIT, (6, 3, len(NAMES))).astype(np.float32)
+    finals = (len(sent.final_index), len(NAMES))
+    sent.final_privileged = rng.uniform(-LIMIT, LIMIT, finals).astype(np.float32)
+    return sent.to_arrays()
+
+
+def test_privileged_floats_travel_where_the_run_has_them_and_nowhere_else() -> None:
+    arrays = knowing_arrays()
+    assert set(schema_of(KNOWING)) - set(schema_of(CONFIG)) == {"privileged", "final_privileged"}
+    got = Trajectory.from_arrays(arrays, KNOWING)
+    np.testing.assert_array_equal(got.privileged, arrays["privileged"])
+    np.testing.assert_array_equal(got.final_privileged, arrays["final_privileged"])
+    with pytest.raises(ValueError, match="needs exactly the arrays"):
+        Trajectory.from_arrays(arrays, CONFIG)
+    with pytest.raises(ValueError, match="needs exactly the arrays"):
+        Trajectory.from_arrays(random_trajectory(5, 6, 3).to_arrays(), KNOWING)
+    assert Trajectory.from_arrays(random_trajectory(5, 6, 3).to_arrays(), CONFIG).privileged is None
+    steps = KNOWING.actor.horizon
+    assert most_bytes(KNOWING, 2) - most_bytes(CONFIG, 2) >= 4 * len(NAMES) * 2 * (steps + 2)
+
+
+@pytest.mark.parametrize("name", ["privileged", "final_privileged"])
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (lambda a: put(a, np.nan), "finite, at most 10 either way"),
+        (lambda a: put(a, np.inf), "finite, at most 10 either way"),
+        (lambda a: put(a, -10.001), "finite, at most 10 either way"),
+        (lambda a: a[..., :-1].copy(), "must be 18"),
+        (lambda a: a[1:].copy(), "must be"),
+        (lambda a: a.astype(np.float64), "must be float32"),
+        (lambda a: a[..., 0].copy(), "axes"),
+    ],
+)
+def test_privileged_floats_are_checked(name: str, spoil: Any, complaint: str) -> None:
+    arrays = knowing_arrays()
+    arrays[name] = spoil(arrays[name])
+    with pytest.raises(ValueError, match=complaint) as raised:
+        Trajectory.from_arrays(arrays, KNOWING)
+    assert name in str(raised.value)

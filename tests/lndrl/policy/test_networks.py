@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from lndrl.config import NetworkConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.navigation import Observation, draw_pedestrian_map
+from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy import (
     Inputs,
     NavigationNetwork,
@@ -276,3 +277,27 @@ def test_without_layer_norm_weights_are_those_of_before(config: RunConfig) -> No
 def test_a_network_of_ones_own_normalizes_for_itself() -> None:
     with pytest.raises(ValueError, match="layer_norm is of the built-in network's trunk"):
         make_config(policy="my_module:Network", layer_norm=True)
+
+
+def test_the_value_network_alone_sees_privileged_floats() -> None:
+    plain = make_config()
+    config = plain.model_copy(
+        update={"learner": plain.learner.model_copy(update={"privileged_critic": True})}
+    )
+    policy, value = build_policy(config), build_value(config)
+    assert list(policy.state_dict()) == list(build_policy(plain).state_dict())
+    new = set(value.state_dict()) - set(build_value(plain).state_dict())
+    assert new == {"privileged_encoder.weight", "privileged_encoder.bias"}
+    rng = np.random.default_rng(0)
+    observation = random_observation(rng, 3, 1.0)
+    floats = rng.normal(size=(3, len(NAMES))).astype(np.float32)
+    one, other = (prepare(observation, config, each) for each in (floats, floats + 1.0))
+    with torch.no_grad():
+        assert torch.equal(policy(one), policy(other))
+        assert not torch.equal(value(one), value(other))
+        assert torch.equal(value(one), value(prepare(observation, config, floats.copy())))
+    with pytest.raises(ValueError, match="needs privileged floats"):
+        value(prepare(observation, config))
+    value(one).sum().backward()
+    assert isinstance(value, NavigationNetwork) and value.privileged_encoder is not None
+    assert value.privileged_encoder.weight.grad is not None

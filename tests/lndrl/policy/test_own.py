@@ -92,6 +92,34 @@ def test_one_class_makes_both_networks(own_module: Write) -> None:
     assert build_value(config)(inputs).shape == (3, 1)
 
 
+KNOWING_NETWORK = """
+    import torch
+    from torch import nn
+
+    class Net(nn.Module):
+        def __init__(self, config, outputs):
+            super().__init__()
+            self.head = nn.Linear(6 + (18 if outputs == 1 else 0), outputs)
+            self.value = outputs == 1
+
+        def forward(self, inputs):
+            assert (inputs.privileged is not None) == self.value
+            parts = [inputs.goal] + ([inputs.privileged] if self.value else [])
+            return self.head(torch.cat(parts, dim=1))
+"""
+
+
+def test_only_its_value_network_is_given_privileged_floats(own_module: Write) -> None:
+    """Else a policy would learn from what it does not have when it acts."""
+    config = made_config(policy=f"{own_module(KNOWING_NETWORK)}:Net", pedestrian_map=False)
+    config = config.model_copy(
+        update={"learner": config.learner.model_copy(update={"privileged_critic": True})}
+    )
+    inputs = prepare(observation(config), config, np.ones((3, 18), np.float32))
+    assert build_policy(config)(inputs).shape == (3, 28)
+    assert build_value(config)(inputs).shape == (3, 1)
+
+
 @pytest.mark.parametrize("bfloat16", [False, True])
 def test_it_acts_like_any_other(own_module: Write, bfloat16: bool) -> None:
     config = made_config(policy=f"{own_module(NETWORK)}:Net")

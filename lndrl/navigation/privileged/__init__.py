@@ -1,0 +1,1 @@
+"""What only the value network may see while it learns: the truth about the belief, as floats."""
