@@ -50,7 +50,7 @@ class PlannerSource:
     that goes on training meanwhile changes neither. ``parameters`` are a rule's, of the kind in
     PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which
     gets ``settings``; it is imported where it is built, not before. ``temperature`` is that of a
-    policy whose actions are sampled, see ``PolicyPlanner``. ``origin`` says which policy of a run it
+    policy whose actions are sampled, see ``PolicyPlanner``. ``origin``: which policy of a run it
     is, see ``PolicyFile``.
     """
 
