@@ -68,9 +68,9 @@ class Fleet:
 
     ``worlds`` None leaves the number of worlds per process to the learner's configuration.
     ``log`` gets one line per event, the file ``ledger`` one per upload. ``lease``: s of silence
-    after which the learner gives an actor up. Nothing here blocks except
-    ``stop`` (at most 3 s). ``grow`` and ``shrink`` change N while the fleet runs; call all from one
-    thread.
+    after which the learner gives an actor up. ``role``: actor or evaluator. Nothing here blocks
+    except ``stop`` (at most 3 s). ``grow`` and ``shrink`` change N while the fleet runs; call all
+    from one thread.
     ``error`` holds the sentence that ended the fleet, ``restarts`` counts replaced processes.
     """
 
@@ -85,14 +85,16 @@ class Fleet:
         namespace: str = "",
         ledger: Path | None = None,
         lease: float | None = None,
+        role: str = "actor",
     ) -> None:
         if count < 1:
             raise ValueError(f"a fleet needs at least 1 actor, not {count}")
-        name = f"{_plain(socket.gethostname())}-{os.getpid()}"
+        letter = "" if role == "actor" else role[0]  # an evaluator is no namesake of an actor
+        name = f"{_plain(socket.gethostname())}-{os.getpid()}{letter}"
         self.restarts = 0
         self.error = ""
         self._endpoint, self._worlds, self._device, self._log = endpoint, worlds, device, log
-        self._namespace, self._lease = namespace, lease
+        self._namespace, self._lease, self._role = namespace, lease, role
         # Plain, because a worker may import nothing before it has limited its threads.
         self._security = None if security is None else dict(vars(security))
         self._name = name
@@ -207,6 +209,7 @@ class Fleet:
             ledger=self._ledger,
             lease=self._lease,
             trusted=trusted_modules(),
+            role=self._role,
         )
         slot.channel, theirs = context.Pipe(duplex=False)
         slot.process = context.Process(
@@ -229,7 +232,7 @@ class Fleet:
                 slot.joined |= event == "joined"
                 self._joined |= slot.joined
                 slot.done |= event == "done"
-                self._log(f"actor {slot.index} {event}" + (f": {text}" if text else ""))
+                self._log(f"{self._role} {slot.index} {event}" + (f": {text}" if text else ""))
 
     def _bury(self, slot: _Slot) -> None:
         """A worker ended without the run being done: plan its replacement."""
@@ -241,7 +244,7 @@ class Fleet:
         slot.restart_at = time.monotonic() + wait
         self._release(slot)
         if not self.error:
-            self._log(f"actor {slot.index} {_cause(code)}; another starts in {wait:g} s")
+            self._log(f"{self._role} {slot.index} {_cause(code)}; another starts in {wait:g} s")
 
     def _release(self, slot: _Slot) -> None:
         if slot.process is not None:
@@ -266,16 +269,18 @@ def run_fleet(
     security: Security | None = None,
     namespace: str = "",
     ledger: Path | None = None,
+    role: str = "actor",
 ) -> int:
     """Run N actors in the foreground until the run is done, Ctrl-C, SIGTERM or SIGHUP.
 
+    ``role`` evaluator: evaluators, which know nothing of worlds, devices and ledgers.
     Returns the exit code: 0 done or asked to stop, 2 an error that the user can mend, whose
     sentence is printed once. No process is left behind. Call from the main thread.
     """
     stop = threading.Event()
     fleet = Fleet(
         endpoint, count, worlds, device, log=_print, security=security, namespace=namespace,
-        ledger=ledger,
+        ledger=ledger, role=role,
     )  # fmt: skip
     code: int | None = None
     with stop_handler(lambda *_: stop.set()):
@@ -290,7 +295,7 @@ def run_fleet(
         with suppress(OSError):
             print(fleet.error, file=sys.stderr, flush=True)
     elif code is None:
-        _print(f"stopped {counted(count, 'actor')}")
+        _print(f"stopped {counted(count, role)}")
     return code or 0
 
 

@@ -1,4 +1,4 @@
-"""Entry of one actor process; spawned by ``actors.fleet``.
+"""Entry of one actor or evaluator process; spawned by ``actors.fleet``.
 
 Only the standard library, and what needs no more, is imported at the top: thread limits must
 stand in the environment before NumPy, numba or torch are loaded.
@@ -12,14 +12,19 @@ import sys
 import threading
 import time
 import traceback
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lndrl.machine.cores import THREAD_VARIABLES
 from lndrl.machine.signals import stop_handler, unblock
+
+if TYPE_CHECKING:
+    from lndrl.config import TransportConfig
+    from lndrl.transport import Security
 
 LEAVE_WITHIN = 1.5
 """Seconds between a request to stop and a hard exit; only an unfinished chunk is lost."""
@@ -37,7 +42,9 @@ class WorkerOptions:
     without which the worker ends. ``security`` holds the fields of a ``transport.Security``; it
     comes through a pipe, because command lines and environments can be read by others. ``ledger``:
     file that notes every upload. ``lease``: s of silence after which the learner gives this actor
-    up; None as usual. ``trusted``: modules that this worker may import own parts from.
+    up; None as usual. ``trusted``: modules that this worker may import own parts from. ``role``:
+    actor or evaluator; of an evaluator ``worlds``, ``siblings``, ``device`` and ``ledger`` say
+    nothing.
     """
 
     endpoint: str
@@ -52,6 +59,7 @@ class WorkerOptions:
     ledger: str | None = None
     lease: float | None = None
     trusted: tuple[str, ...] = ()
+    role: str = "actor"
 
 
 class Report:
@@ -59,9 +67,11 @@ class Report:
 
     def __init__(self, channel: Connection) -> None:
         self._channel = channel
+        self.failed = False  # whether an error was among them
 
     def __call__(self, event: str, text: str = "") -> None:
         """Send; a fleet that is gone is not an error, the parent watch ends this process."""
+        self.failed |= event == "error"
         try:
             self._channel.send_bytes(json.dumps([event, text]).encode())
         except OSError:
@@ -69,7 +79,9 @@ class Report:
 
 
 def main(options: WorkerOptions, channel: Connection) -> None:
-    """Run one actor until the learner is done or a signal asks to stop; ends the process.
+    """Run an actor or evaluator until the learner is done or a signal asks to stop.
+
+    Ends the process.
 
     Exit codes: 0 done or asked to stop, 2 an error that the user can mend (sentence sent to the
     fleet), 1 anything else (traceback on standard error).
@@ -95,49 +107,94 @@ def main(options: WorkerOptions, channel: Connection) -> None:
 
 
 def _run(options: WorkerOptions, stop: threading.Event, report: Report) -> int:
-    """Open the transport inside this process, run the actor, close; returns the exit code."""
+    """Do the work of the role inside this process; returns the exit code."""
     from lndrl.errors import UserError
 
     try:
-        from actors.actor import Actor
         from lndrl.config import TransportConfig
         from lndrl.extensions import trust_modules
-        from lndrl.transport import Security, open_actor
+        from lndrl.transport import Security
 
         trust_modules(*options.trusted)
         transport = TransportConfig(endpoint=options.endpoint, namespace=options.namespace)
         if options.lease is not None:
             transport = transport.model_copy(update={"lease": options.lease})
         security = None if options.security is None else Security(**options.security)
-        endpoint = open_actor(options.endpoint, transport, security)
-        try:
-            if options.ledger is not None:
-                endpoint.keep_book(Path(options.ledger))
-            actor = Actor(
-                endpoint,
-                actor_id=options.actor_id,
-                worlds=options.worlds,
-                siblings=options.siblings,
-                device=options.device,
-                patient=options.patient,
-                alone=True,
-                on_event=report,
-            )
-            actor.run(stop)
-            if actor.done:
-                report("done")
-        except UserError as error:
-            # Reported before closing, which may take longer than LEAVE_WITHIN.
-            if not stop.is_set():
-                report("error", str(error))
-                return 2
-        finally:
-            stop.set()
-            endpoint.close()
+        work = {"actor": _act, "evaluator": _validate}[options.role]
+        work(options, transport, security, stop, report)
     except UserError as error:
         report("error", str(error))
         return 2
-    return 0
+    return 0 if not report.failed else 2
+
+
+def _act(
+    options: WorkerOptions,
+    transport: TransportConfig,
+    security: Security | None,
+    stop: threading.Event,
+    report: Report,
+) -> None:
+    """An actor, until the learner is done or ``stop`` is set."""
+    from actors.actor import Actor
+    from lndrl.transport import open_actor
+
+    endpoint = open_actor(options.endpoint, transport, security)
+    with _closing(endpoint.close, stop, report):
+        if options.ledger is not None:
+            endpoint.keep_book(Path(options.ledger))
+        actor = Actor(
+            endpoint,
+            actor_id=options.actor_id,
+            worlds=options.worlds,
+            siblings=options.siblings,
+            device=options.device,
+            patient=options.patient,
+            alone=True,
+            on_event=report,
+        )
+        actor.run(stop)
+        if actor.done:
+            report("done")
+
+
+def _validate(
+    options: WorkerOptions,
+    transport: TransportConfig,
+    security: Security | None,
+    stop: threading.Event,
+    report: Report,
+) -> None:
+    """An evaluator, until the learner is done or ``stop`` is set."""
+    from actors.evaluator import Evaluator
+    from lndrl.transport import open_evaluator
+
+    endpoint = open_evaluator(options.endpoint, transport, security)
+    with _closing(endpoint.close, stop, report):
+        evaluator = Evaluator(
+            endpoint, evaluator_id=options.actor_id, patient=options.patient, on_event=report
+        )
+        evaluator.run(stop)
+        if evaluator.done:
+            report("done")
+
+
+@contextmanager
+def _closing(close: Callable[[], None], stop: threading.Event, report: Report) -> Iterator[None]:
+    """Close in the end; an error is reported before, as closing may take longer than LEAVE_WITHIN.
+
+    After a stop an error is none any more: whoever asked to stop may be what it is about.
+    """
+    from lndrl.errors import UserError
+
+    try:
+        yield
+    except UserError as error:
+        if not stop.is_set():
+            report("error", str(error))
+    finally:
+        stop.set()
+        close()
 
 
 def _leave_in_time(stop: threading.Event, parent: int) -> None:

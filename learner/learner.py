@@ -33,6 +33,7 @@ from learner.run.checkpoint import (
 from learner.run.events import EventLog
 from learner.run.folder import RunFolder
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
+from learner.run.validation import Validation, read_curve
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
@@ -113,9 +114,9 @@ class Learner:
         self._elapsed_before = self.counters.elapsed
         self._failures = 0
         self._announce(f"from step {self.counters.steps:,}" if resume else begin)
-        if chosen is not None:
-            self._take_up(chosen, books)
+        aside = self._take_up(chosen, books) if chosen is not None else []
         self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
+        self.validation = self._validation(self.counters.steps if aside else None)
 
     # -- the loop ----------------------------------------------------------------------------
 
@@ -131,7 +132,7 @@ class Learner:
         if self.last_checkpoint is None and not self.counters.updates:
             self.checkpoint()  # a learner that dies early can be resumed, too
         self.ingest.weights_version = self.counters.version
-        self.endpoint.start(self.ingest)
+        self.endpoint.start(self.ingest, self.validation)
         self._publish()
 
     def advance(self, timeout: float) -> bool:
@@ -140,6 +141,7 @@ class Learner:
         Raises UserError when several batches in a row made it diverge.
         """
         self._memory.turn()
+        self.validation.turn(self.recorder, self.counters.updates)
         with self.split.during("wait"):
             chunks = self._collect(timeout)
         if chunks is None:
@@ -161,6 +163,7 @@ class Learner:
     def end(self) -> None:
         """Leave a checkpoint and say goodbye; the endpoint stays open for last answers."""
         self.ingest.close()
+        self.validation.turn(self.recorder, self.counters.updates)
         if self.counters.updates and (
             self.last_checkpoint is None
             or self.last_checkpoint[0].name != checkpoint_name(self.counters.steps)
@@ -218,8 +221,11 @@ class Learner:
             raise
         return chosen, books
 
-    def _take_up(self, checkpoint: Path, books: dict[str, Any]) -> None:
-        """Learn from the checkpoint and the ledger what came in before, and what was lost."""
+    def _take_up(self, checkpoint: Path, books: dict[str, Any]) -> list[str]:
+        """Learn from the checkpoint and the ledger what came in before, and what was lost.
+
+        Returns the names of the checkpoints that this one leaves behind.
+        """
         try:
             self.roster.restore(books["roster"])
             recovery = self.accounts.resume(
@@ -241,6 +247,16 @@ class Learner:
         if aside:
             text = f"set aside as abandoned, the run goes on before: {', '.join(aside)}"
             self.events.add("checkpoint", text)
+        return aside
+
+    def _validation(self, went_back_to: int | None) -> Validation:
+        """The desk for evaluators, with what earlier sessions found; see ``take_up`` there."""
+        folder = self.folder
+        found = Validation(
+            self.config, folder.run_id, self.endpoint.incarnation, folder.checkpoints, self.events
+        )
+        found.take_up(read_curve(folder.path / "metrics.jsonl"), went_back_to)
+        return found
 
     def _update(self, batch: Batch, chunks: list[Chunk]) -> bool:
         """Learn from ``chunks``, or drop them where the update diverges; whether it learned."""
@@ -285,7 +301,9 @@ class Learner:
             self._phase = stage.phase
             self.events.add("phase", stage.words(self.config))
         blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
-        self.endpoint.publish_weights(self.counters.version, blob)
+        counters = self.counters
+        self.endpoint.publish_weights(counters.version, blob)
+        self.validation.offer(counters.version, counters.steps, self.elapsed, blob)
 
     def _record(self, chunks: list[Chunk], seconds: float) -> None:
         for chunk in chunks:

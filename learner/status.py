@@ -49,6 +49,7 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "dropped": ingest.dropped,
         "accounts": learner.accounts.totals(),
         "queue": ingest.waiting(),
+        "validation": learner.validation.snapshot(),
         "events": learner.events.recent(),
         "checkpoint": {"path": str(kept[0]), "age": time.monotonic() - kept[1]} if kept else None,
     }

@@ -6,6 +6,10 @@ import re
 from pathlib import Path
 
 _DIGITS = re.compile(r"([0-9]+)")
+BEST = "best"
+"""Folder beside the checkpoints, of the policy that did best in validation; no checkpoint itself:
+training never goes on from it."""
+
 _CHECKPOINT = re.compile(r"step-([0-9]+)")
 
 Key = tuple[tuple[str | tuple[int, str], ...], str]

@@ -27,6 +27,7 @@ FLOORS = {
     "lndrl.randomness": 0,
     "lndrl.registration": 0,
     "lndrl.version": 0,
+    "lndrl.wilson": 0,
     "lndrl.maps": 0,
     "lndrl.world": 1,
     "lndrl.localization": 1,

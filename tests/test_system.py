@@ -235,6 +235,57 @@ def test_serial_runs_repeat_byte_for_byte_apart_from_times(desk: Desk) -> None:
     assert texts[0] == texts[1]
 
 
+def test_serial_validation_repeats_and_changes_nothing_of_training(desk: Desk) -> None:
+    runs = {"a": 3, "b": 3, "c": 0}
+    for run, episodes in runs.items():
+        validates = ["--set", f"learner.validation_episodes={episodes}", "task.time_limit=10"]
+        process = desk.start(
+            "train", "small.yaml", "--serial", "--steps", "256", "--run", run, *validates
+        )
+        assert process.wait(timeout=PATIENCE) == 0, desk.log(process)
+    trained, validated = {}, {}
+    for run in runs:
+        rows = desk.rows(run)
+        found = [row["validation"] for row in rows if "validation" in row]
+        trained[run] = [{**row, "time": None} for row in rows if "validation" not in row]
+        untimed = {"unix": None, "elapsed": None, "seconds": None}
+        validated[run] = [{**row, **untimed} for row in found]
+    assert trained["a"] == trained["b"] == trained["c"] and len(trained["a"]) == 4
+    assert validated["a"] == validated["b"] and validated["c"] == []
+    assert [row["version"] for row in validated["a"]] == [2, 4], "after every second update"
+    checkpoints = {run: desk.folder / "runs" / run / "checkpoints" for run in runs}
+    # The tensors: the library writes the entries of the head's metadata in any order.
+    blobs = [(checkpoints[run] / "best/policy.safetensors").read_bytes() for run in "ab"]
+    best = [blob[8 + int.from_bytes(blob[:8], "little") :] for blob in blobs]
+    assert best[0] == best[1] and not (checkpoints["c"] / "best").exists()
+
+
+def test_training_is_validated_and_what_did_best_is_what_is_tested(desk: Desk) -> None:
+    settings = ["learner.validation_episodes=2", "learner.validation_share=1", "task.time_limit=4"]
+    training = desk.start(
+        "train", "small.yaml", "--run", "a", "--no-dashboard", "--listen", desk.endpoint,
+        "--set", *settings,
+    )  # fmt: skip
+    best = desk.folder / "runs/a/checkpoints/best/validation.json"
+    desk.wait("second round", lambda: desk.log(training).count("[validated]") > 1)
+    assert "[join] evaluator" in desk.log(training) and best.exists()
+    evaluator = max(pid for pid in descendants(training.pid) if is_worker(pid))  # the last to come
+    before = desk.log(training).count("[validated]")
+    os.kill(evaluator, signal.SIGKILL)
+    desk.wait("round of another", lambda: desk.log(training).count("[validated]") > before + 1)
+    assert "evaluator 0 was killed by SIGKILL" in desk.log(training)
+    training.send_signal(signal.SIGINT)
+    assert training.wait(timeout=PATIENCE) == 130, desk.log(training)
+    step = json.loads(best.read_text())["steps"]
+    for options, expected in (
+        ([], f"runs/a: best checkpoint, step {step:,}, "),
+        (["--checkpoint", "newest"], "runs/a: newest checkpoint, step "),
+    ):
+        tested = desk.start("evaluate", "runs/a", "--episodes", "1", "--workers", "0", *options)
+        assert tested.wait(timeout=PATIENCE) == 0, desk.log(tested)
+        assert expected in desk.log(tested)
+
+
 def test_a_busy_port_is_one_sentence_and_leaves_no_folder(desk: Desk) -> None:
     first = desk.start("learner", "small.yaml", "--listen", desk.endpoint, "--run", "a")
     desk.wait("port", lambda: "[listen]" in desk.log(first))

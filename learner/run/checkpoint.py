@@ -4,6 +4,7 @@ A checkpoint is a folder ``checkpoints/step-000012345`` with both networks and t
 safetensors and everything else as JSON, including digests of all that. It is written under a
 temporary name, flushed to disk and renamed. The policy file is what is tested: where weights are
 averaged (``learner.average``) it holds the average, and those in training have a file of their own.
+``best`` beside them is no checkpoint: see ``best.py``.
 """
 
 from __future__ import annotations
@@ -62,21 +63,28 @@ def save_checkpoint(
     ``books``: what else to remember, plain data under names of its own. Raises OSError when the
     disk refuses; what was there before stays untouched, and nothing half written remains.
     """
-    name = checkpoint_name(counters.steps)
-    temporary = folder / f".{name}{_PARTIAL}"
-    try:
-        shutil.rmtree(temporary, ignore_errors=True)
-        temporary.mkdir(parents=True)
-        for file, data in _files(ppo, counters, books).items():
-            _write(temporary / file, data)
-        target = _put_in_place(temporary, folder / name)
-    except OSError:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
+    target = write_folder(folder / checkpoint_name(counters.steps), _files(ppo, counters, books))
     for old in checkpoints_in(folder)[:-keep]:
         if old != target:
             shutil.rmtree(old, ignore_errors=True)
     return target
+
+
+def write_folder(target: Path, files: dict[str, bytes]) -> Path:
+    """Write ``target`` with ``files`` in it whole or not at all, in place of one of that name.
+
+    Raises OSError; what was there before stays untouched then, and nothing half written remains.
+    """
+    temporary = target.with_name(f".{target.name}{_PARTIAL}")
+    try:
+        shutil.rmtree(temporary, ignore_errors=True)
+        temporary.mkdir(parents=True)
+        for file, data in files.items():
+            _write(temporary / file, data)
+        return _put_in_place(temporary, target)
+    except OSError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
 
 
 def clean_up(folder: Path) -> list[str]:
@@ -85,12 +93,12 @@ def clean_up(folder: Path) -> list[str]:
     A checkpoint whose replacement never came gets its name back.
     """
     removed = []
-    for path in sorted(folder.glob(f".step-*{_REPLACED}")):
+    for path in sorted(folder.glob(f".*{_REPLACED}")):
         target = folder / path.name[1 : -len(_REPLACED)]
         if not target.exists():
             with suppress(OSError):
                 path.rename(target)
-    for pattern in (f".step-*{_PARTIAL}", f".step-*{_REPLACED}"):
+    for pattern in (f".*{_PARTIAL}", f".*{_REPLACED}"):
         for path in sorted(folder.glob(pattern)):
             shutil.rmtree(path, ignore_errors=True)
             removed.append(path.name)

@@ -16,6 +16,7 @@ from learner.run.lines import LineFile, backwards
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
+from lndrl.wilson import wilson_interval
 from lndrl.wording import counted
 
 _WINDOW = 200  # episodes behind every rate
@@ -63,7 +64,9 @@ class EpisodeWindow:
 
 
 class Recorder:
-    """Appends one row per update to ``metrics.jsonl`` and TensorBoard; never raises.
+    """Appends rows to ``metrics.jsonl`` and TensorBoard, one per update and per validated version.
+
+    Never raises.
 
     On resume, rows beyond the checkpoint (``updates``) are cut, so the file tells one history.
     ``on_change(what, error)`` hears that the disk refuses, and with None that it works again.
@@ -99,6 +102,14 @@ class Recorder:
             self._open_board(row["update"] - 1)
         if self._board is not None:
             self._on_board(lambda board: _add_scalars(board, row))
+
+    def add_validation(self, row: dict[str, Any], updates: int) -> None:
+        """Write one row of the validated curve, which came after so many updates."""
+        self._file.add(json.dumps(_finite({"update": updates, "validation": row})))
+        if self._board is None:
+            self._open_board(updates)
+        if self._board is not None:
+            self._on_board(lambda board: _add_validated(board, row))
 
     def close(self) -> None:
         """Flush everything."""
@@ -174,6 +185,17 @@ def _add_scalars(board: Any, row: dict[str, Any]) -> None:
         for name, value in row[group].items():
             if isinstance(value, int | float) and math.isfinite(value):
                 board.add_scalar(f"{group}/{name}", value, row["steps"])
+
+
+def _add_validated(board: Any, row: dict[str, Any]) -> None:
+    """Shares of the outcomes and the 95 % interval of arrivals, at the step that was validated."""
+    for kind in ("sampled", "greedy"):
+        counts = row[kind]
+        shares = {name: counts[name] / counts["episodes"] for name in OUTCOMES}
+        bounds = wilson_interval(counts["arrived"], counts["episodes"])
+        shares |= zip(("arrived_low", "arrived_high"), bounds, strict=True)
+        for name, share in shares.items():
+            board.add_scalar(f"validation_{kind}/{name}", share, row["steps"])
 
 
 def _finite(value: Any) -> Any:

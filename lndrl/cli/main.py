@@ -32,6 +32,7 @@ SUMMARIES = {
     "train-all": "Train every learned method of the bench, one after another.",
     "learner": "Run only the learner; actors connect to it from anywhere.",
     "actor": "Run actors that simulate worlds for a learner.",
+    "evaluator": "Validate the newest weights of a learner, again and again.",
     "dashboard": "Watch a running learner from another terminal.",
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "benchmark": "Fill and show the paper's table: methods x scenarios x episodes.",
@@ -64,7 +65,7 @@ ROOMS = {
         "play",
         "scenarios",
     ),
-    "fleet": ("learner", "actor", "dashboard", "certs", "doctor", "chaos"),
+    "fleet": ("learner", "actor", "evaluator", "dashboard", "certs", "doctor", "chaos"),
 }
 
 _SETTING = re.compile(r"[A-Za-z_][\w.]*=")

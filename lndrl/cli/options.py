@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
 
@@ -65,6 +66,15 @@ CheckpointName = Annotated[
     str | None,
     typer.Option(
         "--checkpoint", metavar="STEP", help="With --resume: the checkpoint, e.g. step-000040960."
+    ),
+]
+WhichCheckpoint = Annotated[
+    str | None,
+    typer.Option(
+        "--checkpoint",
+        metavar="newest|best|STEP",
+        help="Of run folders: e.g. step-000040960; default: the best validated one, else newest.",
+        show_default=False,
     ),
 ]
 LearnerDevice = Annotated[
@@ -256,3 +266,18 @@ def sampled(source: PlannerSource, temperature: float | None, greedy: bool) -> P
     if greedy:
         raise UserError("--temperature goes with sampling, and --greedy does not sample; drop one")
     return source.at_temperature(temperature)
+
+
+def of_run(planner: str, checkpoint: str | None, planners: Sequence[str]) -> str | None:
+    """``checkpoint`` where ``planner`` is a run folder, None where it is none.
+
+    Raises UserError where none of ``planners`` is one.
+    """
+    if checkpoint is None:
+        return None
+    runs = [each for each in planners if Path(each, "checkpoints").is_dir()]
+    if not runs:
+        raise UserError(
+            f"--checkpoint {checkpoint} goes with a run folder, and {', '.join(planners)} is none"
+        )
+    return checkpoint if planner in runs else None

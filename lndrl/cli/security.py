@@ -52,7 +52,7 @@ Users = Annotated[
         "--users",
         metavar="FILE",
         help="Let in only these: lines of user:password, user being actor[-NAME],"
-        " dashboard[-NAME] or learner[-NAME].",
+        " dashboard[-NAME], evaluator[-NAME] or learner[-NAME].",
         rich_help_panel=PANEL,
     ),
 ]
@@ -138,7 +138,7 @@ def of_learner(
 
 
 def client_transport(endpoint: str, namespace: str | None) -> TransportConfig:
-    """The transport of an actor or dashboard; raises UserError for a bad namespace."""
+    """The transport of whoever connects; raises UserError for a bad namespace."""
     from lndrl.config import TransportConfig
     from lndrl.models import validate
 

@@ -198,6 +198,14 @@ class LearnerConfig(Model):
     )
     checkpoint_interval: Count = Field(20, description="updates between checkpoints")
     keep_checkpoints: Count = Field(3, description="newest checkpoints that are kept")
+    validation_episodes: Annotated[int, Field(ge=0, le=100_000), LATER] = Field(
+        0,
+        description="episodes that an evaluator plays again and again with the newest weights, "
+        "sampled and greedy; 0: none (docs/training.md)",
+    )
+    validation_share: Annotated[float, Field(gt=0.0, le=1.0), LATER] = Field(
+        0.15, description="of one core's time that an evaluator takes on average"
+    )
     queue_chunks: Count = Field(64, description="uploads waiting at most")
     queue_megabytes: Count = Field(512, description="10^6 bytes of uploads waiting at most")
 

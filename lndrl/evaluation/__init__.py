@@ -6,7 +6,7 @@ from lndrl.evaluation.own_metrics import OwnMetric, add_metrics, own_metrics
 from lndrl.evaluation.result import EvaluationResult, load_result
 from lndrl.evaluation.runner import BLOCK, evaluate, result_of, settings_for
 from lndrl.evaluation.tables import comparison_table, result_table
-from lndrl.evaluation.wilson import wilson_interval
+from lndrl.wilson import wilson_interval
 
 __all__ = [
     "BLOCK",

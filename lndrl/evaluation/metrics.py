@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lndrl.evaluation.wilson import wilson_interval
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
+from lndrl.wilson import wilson_interval
 
 
 @dataclass(frozen=True)

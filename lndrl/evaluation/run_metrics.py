@@ -10,9 +10,10 @@ from lndrl.errors import UserError
 
 
 def read_metrics(path: Path | str) -> list[dict[str, Any]]:
-    """Rows of a ``metrics.jsonl``; those cut short (a killed run, a full disk) are left out.
+    """Rows of updates of a ``metrics.jsonl``, oldest first.
 
-    Raises UserError where the file is missing, empty or not of such rows.
+    Those cut short (a killed run, a full disk) are left out, and those of validation. Raises
+    UserError where the file is missing, empty or not of such rows.
     """
     path = Path(path)
     try:
@@ -33,7 +34,8 @@ def read_metrics(path: Path | str) -> list[dict[str, Any]]:
             raise UserError(f"{path}, line {number}: not a JSON object") from None
         if not isinstance(row, dict):
             raise UserError(f"{path}, line {number}: not a JSON object")
-        rows.append(row)
+        if "validation" not in row:
+            rows.append(row)
     if not rows:
         raise UserError(f"{path}: holds no rows; a run writes one after each update")
     return rows

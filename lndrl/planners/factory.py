@@ -50,7 +50,8 @@ class PlannerSource:
     that goes on training meanwhile changes neither. ``parameters`` are a rule's, of the kind in
     PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which
     gets ``settings``; it is imported where it is built, not before. ``temperature`` is that of a
-    policy whose actions are sampled, see ``PolicyPlanner``.
+    policy whose actions are sampled, see ``PolicyPlanner``. ``origin``: which policy of a run it
+    is, see ``PolicyFile``.
     """
 
     name: str
@@ -60,6 +61,7 @@ class PlannerSource:
     own: bool = False
     settings: PartSettings = field(default_factory=dict)
     temperature: float = 1.0
+    origin: str = ""
 
     def at_temperature(self, temperature: float) -> PlannerSource:
         """The same, sampled at ``temperature``; raises UserError where that is none, or there is
@@ -107,10 +109,13 @@ class PlannerSource:
         return PolicyPlanner.load(self.name, config, self.weights, greedy, self.temperature)
 
 
-def planner_source(spec: str, settings: PartSettings | None = None) -> PlannerSource:
+def planner_source(
+    spec: str, settings: PartSettings | None = None, checkpoint: str | None = None
+) -> PlannerSource:
     """Find a rule, a run folder, a weights file, or name a class of one's own (not yet imported).
 
-    ``settings`` go to such a class, or are parameters of a rule. Raises UserError when ``spec`` is
+    ``settings`` go to such a class, or are parameters of a rule; ``checkpoint`` is which one of a
+    run, by default the best validated one, else the newest. Raises UserError when ``spec`` is
     none of them, weights cannot be read, a rule has no such parameter, or there are settings for
     what takes none.
     """
@@ -135,10 +140,10 @@ def planner_source(spec: str, settings: PartSettings | None = None) -> PlannerSo
             f"{spec}: no such run folder or weights file; give one, {' or '.join(planner_names())},"
             " or module:Class for a planner of your own"
         )
-    from lndrl.policy import load_policy  # torch: takes seconds, and rules need none of it
+    from lndrl.policy import read_policy  # torch: takes seconds, and rules need none of it
 
-    config, weights = load_policy(path)
-    return PlannerSource(spec, config, weights)
+    found = read_policy(path, checkpoint)
+    return PlannerSource(spec, found.config, found.weights, origin=found.origin)
 
 
 def planner_names() -> tuple[str, ...]:

@@ -50,6 +50,10 @@ class PolicyPlanner:
         runner.load(weights)
         return cls(runner, name, greedy, temperature)
 
+    def renew(self, weights: bytes) -> None:
+        """Act with other weights from now on; raises UserError when they are of another network."""
+        self._runner.load(weights)
+
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
         """See ``Planner.reset``."""
         self._generators = [episode_generator(seed, world) for world in worlds]

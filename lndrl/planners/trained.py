@@ -107,7 +107,7 @@ class TrainedPolicy:
 
 
 def load_policy(path: Path | str, seed: int | None = None) -> TrainedPolicy:
-    """The policy of a run folder's newest checkpoint, or of a policy file.
+    """The policy of a run folder (the best validated one, else the newest), or of a policy file.
 
     Raises UserError naming the path when nothing usable is there.
     """

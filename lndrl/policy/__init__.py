@@ -15,6 +15,7 @@ from lndrl.policy.weights import (
     load_into,
     load_policy,
     policy_metadata,
+    read_policy,
     to_bytes,
 )
 
@@ -37,6 +38,7 @@ __all__ = [
     "load_into",
     "load_policy",
     "policy_metadata",
+    "read_policy",
     "prepare",
     "record_cuda_graph",
     "resolve_device",

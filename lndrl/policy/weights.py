@@ -8,18 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 from torch import Tensor, nn
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.errors import UserError
-from lndrl.numbering import checkpoints_in
+from lndrl.numbering import BEST, checkpoints_in
 from lndrl.policy.layout import CONFIG_KEY, explain_misfit
 from lndrl.policy.networks import build_policy
 
 POLICY_FILE = "policy.safetensors"
+NEWEST = "newest"
+VALIDATED_KEY = "lndrl.validated"
+"""Entry of a policy file's metadata: counts of validation episodes that it was chosen by, JSON."""
 GUIDANCE_KEY = "lndrl.guidance"
 
 
@@ -125,21 +128,73 @@ def policy_metadata(config: RunConfig, version: int, steps: int) -> dict[str, st
     }
 
 
-def load_policy(path: Path | str) -> tuple[RunConfig, bytes]:
-    """Configuration and weights blob of a policy file, or of a run folder's newest checkpoint.
+@dataclass(frozen=True)
+class PolicyFile:
+    """Weights, the configuration that they were trained under, and where they come from.
 
-    Raises UserError naming the path when nothing usable is there.
+    ``origin`` says of a run's policy which it is, e.g. "newest checkpoint, step 81,920"; empty for
+    a file that the user has named.
     """
-    file = _policy_file(Path(path))
+
+    config: RunConfig
+    weights: bytes
+    origin: str = ""
+
+
+def load_policy(path: Path | str) -> tuple[RunConfig, bytes]:
+    """Configuration and weights blob of a policy file, or of a run folder; see ``read_policy``."""
+    found = read_policy(path)
+    return found.config, found.weights
+
+
+def read_policy(path: Path | str, checkpoint: str | None = None) -> PolicyFile:
+    """A policy file, or the policy of a run folder: the best validated one, else the newest.
+
+    ``checkpoint`` names another of the run: newest, best or step-000081920. Raises UserError naming
+    the path when nothing usable is there.
+    """
+    file = _policy_file(Path(path), checkpoint)
     blob = _read(file)
-    try:
-        with safe_open(str(file), framework="pt") as opened:
-            metadata = opened.metadata() or {}
-    except (SafetensorError, OSError) as error:
-        raise UserError(f"{file}: not a safetensors file ({error})") from None
+    metadata = _metadata(file, blob)
     if CONFIG_KEY not in metadata:
         raise UserError(f"{file}: has no configuration inside; give a policy file saved by lndrl")
-    return parse_config(json.loads(metadata[CONFIG_KEY]), f"{file} (configuration)"), blob
+    try:
+        data = json.loads(metadata[CONFIG_KEY])
+    except (ValueError, RecursionError):
+        raise UserError(f"{file}: the configuration inside is damaged") from None
+    config = parse_config(data, f"{file} (configuration)")
+    origin = "" if file.parent.parent.name != "checkpoints" else _origin(file, metadata)
+    return PolicyFile(config, blob, origin)
+
+
+def _metadata(file: Path, blob: bytes) -> dict[str, str]:
+    """What a blob says of itself: its head's length in 8 bytes, then the head as JSON.
+
+    From the blob, not from the file: a run that goes on may have put another in its place.
+    """
+    try:
+        load_tensors(blob)
+        head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
+    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise UserError(f"{file}: not a safetensors file ({error})") from None
+    return head.get("__metadata__") or {}
+
+
+def _origin(file: Path, metadata: dict[str, str]) -> str:
+    """Which policy of its run a file is."""
+    known = checkpoints_in(file.parent.parent)
+    name = "best" if file.parent.name == BEST else "an older"
+    if known and file.parent.name == known[-1].name:
+        name = NEWEST
+    steps = metadata.get("lndrl.steps", "")
+    step = f", step {int(steps):,}" if steps.isdecimal() else ""
+    try:
+        counts = json.loads(metadata[VALIDATED_KEY])
+        share = counts["arrived"] / counts["episodes"]
+        validated = f", {share:.2f} of {counts['episodes']:,} validated"
+    except (KeyError, ValueError, TypeError, ZeroDivisionError):
+        validated = ""
+    return f"{name} checkpoint{step}{validated}"
 
 
 def _read(file: Path) -> bytes:
@@ -149,12 +204,25 @@ def _read(file: Path) -> bytes:
         raise UserError(f"{file}: cannot be read ({error.strerror})") from None
 
 
-def _policy_file(path: Path) -> Path:
-    if path.is_file():
+def _policy_file(path: Path, checkpoint: str | None) -> Path:
+    if path.is_file() and checkpoint is None:
         return path
     if not path.exists():
         raise UserError(f"{path}: no such run folder or weights file")
-    for folder in (path, *reversed(checkpoints_in(path / "checkpoints"))):
-        if (folder / POLICY_FILE).is_file():
-            return folder / POLICY_FILE
-    raise UserError(f"{path}: holds no checkpoint yet ({POLICY_FILE} expected)")
+    if checkpoint is None and (path / POLICY_FILE).is_file():
+        return path / POLICY_FILE
+    folder = path / "checkpoints"
+    steps = [step for step in checkpoints_in(folder) if (step / POLICY_FILE).is_file()]
+    best = [folder / BEST] if (folder / BEST / POLICY_FILE).is_file() else []
+    if checkpoint is None:
+        found = best or steps[-1:]
+    elif checkpoint == NEWEST:
+        found = steps[-1:]
+    else:
+        found = [each for each in (*best, *steps) if each.name == checkpoint]
+    if found:
+        return found[0] / POLICY_FILE
+    if checkpoint is None:
+        raise UserError(f"{path}: holds no checkpoint yet ({POLICY_FILE} expected)")
+    names = ", ".join(each.name for each in (*best, *steps)) or "none"
+    raise UserError(f"{path}: has no checkpoint {checkpoint}; there are: {names}")

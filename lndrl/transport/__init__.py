@@ -8,25 +8,31 @@ from __future__ import annotations
 from lndrl.config import TransportConfig
 from lndrl.transport.interface import (
     ActorEndpoint,
+    EvaluatorEndpoint,
     LearnerEndpoint,
     LearnerHandlers,
     LearnerUnreachableError,
+    ValidationHandlers,
     ViewerEndpoint,
     WeightsGoneError,
 )
 from lndrl.transport.memory import MemoryNetwork
 from lndrl.transport.messages import (
+    COUNTS,
     DEFAULT_LIMITS,
     NO_WEIGHTS,
     PROTOCOL_VERSION,
     UNKNOWN_ACTOR,
     Ack,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     Limits,
     MessageError,
     Refusal,
     TooLargeError,
+    ValidationResult,
+    ValidationTask,
     WeightsAnnouncement,
     Welcome,
     pack,
@@ -35,6 +41,7 @@ from lndrl.transport.messages import (
 from lndrl.transport.security.identity import Security
 
 __all__ = [
+    "COUNTS",
     "DEFAULT_LIMITS",
     "NO_WEIGHTS",
     "PROTOCOL_VERSION",
@@ -42,6 +49,8 @@ __all__ = [
     "Ack",
     "ActorEndpoint",
     "ChunkHeader",
+    "EvaluatorEndpoint",
+    "EvaluatorHello",
     "Hello",
     "LearnerEndpoint",
     "LearnerHandlers",
@@ -52,12 +61,16 @@ __all__ = [
     "Refusal",
     "Security",
     "TooLargeError",
+    "ValidationHandlers",
+    "ValidationResult",
+    "ValidationTask",
     "ViewerEndpoint",
     "WeightsAnnouncement",
     "WeightsGoneError",
     "Welcome",
     "free_endpoint",
     "open_actor",
+    "open_evaluator",
     "open_learner",
     "open_viewer",
     "pack",
@@ -84,6 +97,15 @@ def open_actor(
     from lndrl.transport.zenoh.actor import ZenohActor
 
     return ZenohActor(endpoint, config, security)
+
+
+def open_evaluator(
+    endpoint: str, config: TransportConfig | None = None, security: Security | None = None
+) -> EvaluatorEndpoint:
+    """An evaluator of the learner at ``endpoint``; raises UserError for a bad address."""
+    from lndrl.transport.zenoh.evaluator import ZenohEvaluator
+
+    return ZenohEvaluator(endpoint, config, security)
 
 
 def open_viewer(

@@ -12,16 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from lndrl.transport.interface import LearnerHandlers
+from lndrl.transport.interface import LearnerHandlers, ValidationHandlers
 from lndrl.transport.messages import (
     NO_WEIGHTS,
     PROTOCOL_VERSION,
     Ack,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     Limits,
     MessageError,
     Refusal,
+    ValidationResult,
+    ValidationTask,
     WeightsAnnouncement,
     Welcome,
     decode,
@@ -42,6 +45,7 @@ class LearnerDesk:
         self.limits = limits
         self.run_id = run_id
         self.handlers: LearnerHandlers | None = None
+        self.validation: ValidationHandlers | None = None
         self._lock = threading.Lock()
         self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
         self._newest = WeightsAnnouncement(NO_WEIGHTS, 0, "", self.incarnation)
@@ -97,6 +101,39 @@ class LearnerDesk:
             logger.exception("upload %d of %s failed", header.sequence, header.actor_id)
             ack = Ack("refused", reason="learner_error")
         return self._stamped(ack)
+
+    def answer_validation(self, data: bytes) -> bytes:
+        """Task, Ack or refusal to what an evaluator asks or tells; a wrong protocol is refused."""
+        try:
+            question, _ = decode(data, EvaluatorHello, ValidationResult, limits=self.limits)
+        except MessageError as error:
+            return encode(
+                Refusal(
+                    f"the learner (lndrl {VERSION}, protocol {PROTOCOL_VERSION}) does not"
+                    f" understand this evaluator ({str(error)[:500]}); install the same lndrl"
+                    " version on both sides"
+                )
+            )
+        if self.validation is None:
+            return encode(Refusal("this learner takes no evaluator"))
+        if isinstance(question, EvaluatorHello):
+            if question.protocol != PROTOCOL_VERSION:
+                return encode(
+                    Refusal(
+                        f"the learner speaks protocol {PROTOCOL_VERSION}, this evaluator"
+                        f" {question.protocol}; install the same lndrl version on both sides"
+                    )
+                )
+            answer = self.validation.on_evaluator(question)
+            if isinstance(answer, ValidationTask):
+                answer = dataclasses.replace(
+                    answer,
+                    learner_incarnation=self.incarnation,
+                    done=answer.done or self.announcement().done,
+                )
+            return encode(answer)
+        assert isinstance(question, ValidationResult)
+        return encode(self._stamped(self.validation.on_validation(question)))
 
     def put_weights(self, version: int, blob: bytes) -> WeightsAnnouncement:
         """Keep weights as the newest. Raises ValueError for a version older than the newest."""

@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
-from lndrl.transport.messages import Ack, ChunkHeader, Hello, Refusal, Welcome
+from lndrl.transport.messages import (
+    Ack,
+    ChunkHeader,
+    EvaluatorHello,
+    Hello,
+    Refusal,
+    ValidationResult,
+    ValidationTask,
+    Welcome,
+)
 
 
 class WeightsGoneError(LookupError):
@@ -48,6 +57,18 @@ class LearnerHandlers(Protocol):
         ...
 
 
+class ValidationHandlers(Protocol):
+    """The learner's answers to evaluators, called on a transport's thread, one at a time."""
+
+    def on_evaluator(self, hello: EvaluatorHello) -> ValidationTask | Refusal:
+        """Say what to validate, or refuse."""
+        ...
+
+    def on_validation(self, result: ValidationResult) -> Ack:
+        """Take a result: accepted, duplicate, stale (of weights that are forgotten) or refused."""
+        ...
+
+
 class LearnerEndpoint(Protocol):
     """The learner's side."""
 
@@ -55,8 +76,10 @@ class LearnerEndpoint(Protocol):
     largest_message: int
     """Bytes of what is received; larger messages vanish or are refused."""
 
-    def start(self, handlers: LearnerHandlers) -> None:
-        """Begin to answer."""
+    def start(
+        self, handlers: LearnerHandlers, validation: ValidationHandlers | None = None
+    ) -> None:
+        """Begin to answer; without ``validation`` evaluators are refused."""
         ...
 
     def publish_weights(self, version: int, blob: bytes) -> None:
@@ -164,6 +187,33 @@ class ActorEndpoint(Protocol):
 
     def close(self) -> None:
         """Leave; drops unsettled chunks (``flush`` first). Can be called twice."""
+        ...
+
+
+class EvaluatorEndpoint(Protocol):
+    """An evaluator's side; all methods are for one thread."""
+
+    def ask(self, hello: EvaluatorHello, timeout: float = 10.0) -> ValidationTask:
+        """Ask what to validate.
+
+        Raises UserError when refused or met by another version, its subclass
+        LearnerUnreachableError when no learner answers within ``timeout`` seconds.
+        """
+        ...
+
+    def fetch(self, version: int, timeout: float = 10.0) -> bytes:
+        """The weights of ``version``.
+
+        Raises WeightsGoneError when they are no longer kept, TimeoutError when none came in time.
+        """
+        ...
+
+    def report(self, result: ValidationResult, timeout: float = 10.0) -> Ack | None:
+        """Hand over a result; None when nobody answered, then it may be sent again."""
+        ...
+
+    def close(self) -> None:
+        """Leave. Can be called twice."""
         ...
 
 

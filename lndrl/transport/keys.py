@@ -9,6 +9,7 @@ WEIGHTS = f"{PREFIX}/weights"
 ANNOUNCE = f"{PREFIX}/announce"
 STATUS = f"{PREFIX}/status"
 ACTORS = f"{PREFIX}/actors"
+VALIDATION = f"{PREFIX}/validation"
 PING = f"{PREFIX}/ping"
 
 

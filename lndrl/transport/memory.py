@@ -22,13 +22,18 @@ from lndrl.transport.desk import LearnerDesk, to_json
 from lndrl.transport.interface import (
     LearnerHandlers,
     LearnerUnreachableError,
+    ValidationHandlers,
     WeightsGoneError,
 )
 from lndrl.transport.messages import (
+    Ack,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     Limits,
     Refusal,
+    ValidationResult,
+    ValidationTask,
     WeightsAnnouncement,
     Welcome,
     decode,
@@ -58,6 +63,10 @@ class MemoryNetwork:
         """An actor."""
         return MemoryActor(self)
 
+    def evaluator(self) -> MemoryEvaluator:
+        """An evaluator."""
+        return MemoryEvaluator(self)
+
     def viewer(self) -> MemoryViewer:
         """A dashboard."""
         return MemoryViewer(self)
@@ -73,11 +82,13 @@ class MemoryLearner:
         self.incarnation = self._desk.incarnation
         self.largest_message = network.limits.max_bytes
 
-    def start(self, handlers: LearnerHandlers) -> None:
+    def start(
+        self, handlers: LearnerHandlers, validation: ValidationHandlers | None = None
+    ) -> None:
         """Begin to answer; actors that are already there are reported as members."""
         if self._network.desk is not None:
             raise UserError("this process already has a learner; close it first")
-        self._desk.handlers = handlers
+        self._desk.handlers, self._desk.validation = handlers, validation
         self._network.desk = self._desk
         for actor in list(self._network.actors):
             actor.report(alive=True)
@@ -220,6 +231,45 @@ class MemoryActor(Bookkeeper):
         ):
             time.sleep(POLL)
         return found
+
+
+class MemoryEvaluator:
+    """An evaluator's side; see ``EvaluatorEndpoint``. Never waits: all are in one process."""
+
+    def __init__(self, network: MemoryNetwork) -> None:
+        self._network = network
+
+    def ask(self, hello: EvaluatorHello, timeout: float = 10.0) -> ValidationTask:
+        """Ask what to validate."""
+        desk = self._network.desk
+        if desk is None:
+            raise LearnerUnreachableError("no learner runs in this process")
+        answer, _ = decode(desk.answer_validation(encode(hello)), ValidationTask, Refusal)
+        if isinstance(answer, Refusal):
+            raise UserError(f"the learner refused this evaluator: {answer.reason}")
+        assert isinstance(answer, ValidationTask)
+        return answer
+
+    def fetch(self, version: int, timeout: float = 10.0) -> bytes:
+        """The weights of ``version``."""
+        found = self._network.desk.weights(version) if self._network.desk else None
+        if found is None:
+            raise WeightsGoneError(f"version {version} is no longer kept")
+        return found[1]
+
+    def report(self, result: ValidationResult, timeout: float = 10.0) -> Ack | None:
+        """Hand over a result."""
+        desk = self._network.desk
+        if desk is None:
+            return None
+        answer, _ = decode(desk.answer_validation(encode(result)), Ack, Refusal)
+        if isinstance(answer, Refusal):
+            return Ack("refused", reason=answer.reason)
+        assert isinstance(answer, Ack)
+        return answer
+
+    def close(self) -> None:
+        """Leave."""
 
 
 class MemoryViewer:

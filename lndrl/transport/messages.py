@@ -26,18 +26,22 @@ from lndrl.transport.wire import (
 
 __all__ = [
     "ACK_STATUSES",
+    "COUNTS",
     "DEFAULT_LIMITS",
     "NO_WEIGHTS",
     "PROTOCOL_VERSION",
     "UNKNOWN_ACTOR",
     "Ack",
     "ChunkHeader",
+    "EvaluatorHello",
     "Hello",
     "Limits",
     "Message",
     "MessageError",
     "Refusal",
     "TooLargeError",
+    "ValidationResult",
+    "ValidationTask",
     "WeightsAnnouncement",
     "Welcome",
     "decode",
@@ -51,6 +55,8 @@ PROTOCOL_VERSION = 1
 NO_WEIGHTS = -1
 UNKNOWN_ACTOR = "unknown_actor"
 ACK_STATUSES = ("accepted", "duplicate", "stale", "refused", "pause")
+COUNTS = ("episodes", "arrived", "collided", "lost", "timeout", "steps")
+"""What is counted of validation episodes: how many, how they ended, and their control steps."""
 
 MAX_TEXT = 2000
 MAX_INTEGER = 2**53
@@ -262,8 +268,105 @@ class WeightsAnnouncement(Message):
         _boolean("done", self.done)
 
 
+@dataclass(frozen=True)
+class EvaluatorHello(Message):
+    """An evaluator asks what to validate; ``incarnation`` as in Hello.
+
+    Not ``ready``, it rests: it only wants to know whether training goes on.
+    """
+
+    KIND: ClassVar[str] = "evaluator"
+    evaluator_id: str
+    incarnation: str
+    host: str
+    pid: int
+    program_version: str
+    protocol: int = PROTOCOL_VERSION
+    ready: bool = True
+
+    def __post_init__(self) -> None:
+        _boolean("ready", self.ready)
+        _identifier("evaluator_id", self.evaluator_id)
+        _identifier("incarnation", self.incarnation)
+        _text("host", self.host)
+        _integer("pid", self.pid)
+        _text("program_version", self.program_version)
+        _integer("protocol", self.protocol)
+
+
+@dataclass(frozen=True)
+class ValidationTask(Message):
+    """The learner's answer: the weights version to validate, NO_WEIGHTS while none is new.
+
+    ``config`` is the run's, which says how many episodes, and what share of a core they may take.
+    ``learner_incarnation`` is filled in by the transport; ``done`` as in Ack.
+    """
+
+    KIND: ClassVar[str] = "validation_task"
+    run_id: str
+    config: dict[str, Any]
+    version: int = NO_WEIGHTS
+    learner_incarnation: str = ""
+    done: bool = False
+
+    def __post_init__(self) -> None:
+        _text("run_id", self.run_id, empty=False)
+        if not isinstance(self.config, dict):
+            raise MessageError("config must be a map")
+        _integer("version", self.version, NO_WEIGHTS)
+        _text("learner_incarnation", self.learner_incarnation)
+        _boolean("done", self.done)
+
+
+@dataclass(frozen=True)
+class ValidationResult(Message):
+    """What became of the validation episodes under one version; answered by an Ack.
+
+    ``learner_incarnation`` is the learner's that gave the weights: another one may have published
+    others under the same version. ``sampled`` and ``greedy`` hold COUNTS, ``seconds`` of wall time
+    went into both.
+    """
+
+    KIND: ClassVar[str] = "validation"
+    run_id: str
+    evaluator_id: str
+    incarnation: str
+    learner_incarnation: str
+    version: int
+    seconds: float
+    sampled: dict[str, int]
+    greedy: dict[str, int]
+
+    def __post_init__(self) -> None:
+        _text("run_id", self.run_id, empty=False)
+        _identifier("evaluator_id", self.evaluator_id)
+        _identifier("incarnation", self.incarnation)
+        _text("learner_incarnation", self.learner_incarnation, empty=False)
+        _integer("version", self.version)
+        number = isinstance(self.seconds, float | int) and not isinstance(self.seconds, bool)
+        if not (number and 0.0 <= self.seconds <= MAX_SECONDS):
+            raise MessageError(f"seconds must be a number from 0 to {MAX_SECONDS:g}")
+        _counts("sampled", self.sampled)
+        _counts("greedy", self.greedy)
+
+
+def _counts(name: str, value: Any) -> None:
+    if not isinstance(value, dict) or set(value) != set(COUNTS):
+        raise MessageError(f"{name} must hold {', '.join(COUNTS)}, and nothing else")
+    for key, count in value.items():
+        _integer(f"{name}.{key}", count)
+    if value["episodes"] != sum(value[key] for key in COUNTS[1:-1]):
+        raise MessageError(f"{name}: {value['episodes']} episodes did not end as they are counted")
+    if value["steps"] < value["episodes"]:
+        raise MessageError(f"{name}: an episode has at least one step")
+
+
 MESSAGES: dict[str, type[Message]] = {
-    kind.KIND: kind for kind in (Hello, Welcome, Refusal, ChunkHeader, Ack, WeightsAnnouncement)
+    kind.KIND: kind
+    for kind in (
+        *(Hello, Welcome, Refusal, ChunkHeader, Ack, WeightsAnnouncement),
+        *(EvaluatorHello, ValidationTask, ValidationResult),
+    )
 }
 M = TypeVar("M", bound=Message)
 

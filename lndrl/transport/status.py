@@ -192,6 +192,36 @@ class Checkpoint(StatusModel):
     age: Amount | None = Field(None, description="s")
 
 
+class Counts(StatusModel):
+    """How validation episodes ended."""
+
+    episodes: Count = 0
+    arrived: Count = 0
+    collided: Count = 0
+    lost: Count = 0
+    timeout: Count = 0
+    steps: Count = 0
+
+
+class Validated(StatusModel):
+    """What an evaluator found of the weights after so many ``steps``."""
+
+    version: Count = 0
+    steps: Count = 0
+    unix: Amount = Field(0.0, description="unix s when it was told")
+    sampled: Counts = Counts()
+    greedy: Counts = Counts()
+
+
+class ValidationStatus(StatusModel):
+    """The validated curve, as long as a run validates."""
+
+    episodes: Count = Field(0, description="of a round, sampled and greedy each")
+    heard: Amount | None = Field(None, description="s since an evaluator was last heard")
+    points: list[Validated] = Field(default_factory=list, description="newest last")
+    best: Validated | None = Field(None, description="whose policy is kept as checkpoints/best")
+
+
 class Status(StatusModel):
     """What a learner publishes about itself, about once a second."""
 
@@ -226,6 +256,7 @@ class Status(StatusModel):
     queue: Queue = Queue()
     events: list[Event] = Field(default_factory=list, description="newest last")
     checkpoint: Checkpoint | None = None
+    validation: ValidationStatus | None = None
 
 
 class HistoryRow(StatusModel):

@@ -13,10 +13,13 @@ from lndrl.policy import initial_weights
 from lndrl.transport import (
     Ack,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     LearnerEndpoint,
     MemoryNetwork,
     Refusal,
+    ValidationResult,
+    ValidationTask,
     Welcome,
 )
 
@@ -63,10 +66,11 @@ class NotingLearner:
         self.members: list[tuple[str, str, bool]] = []
         self.headers: list[ChunkHeader] = []
         self.arrays: list[dict[str, NDArray[Any]]] = []
+        self.results: list[ValidationResult] = []
         self.refusal = ""
         self.answer: Callable[[ChunkHeader], str] = lambda header: "accepted"
         self.blobs: dict[int, bytes] = {}
-        endpoint.start(self)
+        endpoint.start(self, self)
 
     def publish(self, version: int) -> None:
         """Offer other weights under ``version``."""
@@ -88,6 +92,15 @@ class NotingLearner:
             self.headers.append(header)
             self.arrays.append(arrays)
         return Ack(status, reason="" if status == "accepted" else "as the test wants")
+
+    def on_evaluator(self, hello: EvaluatorHello) -> ValidationTask | Refusal:
+        if self.refusal:
+            return Refusal(self.refusal)
+        return ValidationTask("run-1", self.config.model_dump(mode="json"), max(self.blobs))
+
+    def on_validation(self, result: ValidationResult) -> Ack:
+        self.results.append(result)
+        return Ack("accepted")
 
     def on_malformed(self, reason: str) -> None:
         pass

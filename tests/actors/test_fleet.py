@@ -39,10 +39,52 @@ def gone(pid: int) -> bool:
 def learner(small_config, noting_learner):
     """A learner on a loopback port of its own, weights version 0 out."""
     endpoint = free_endpoint()
-    config = small_config(transport={"endpoint": endpoint})
+    config = small_config(
+        transport={"endpoint": endpoint},
+        learner={"validation_episodes": 1, "validation_share": 1.0},
+        task={"time_limit": 2.0},
+    )
     learner = noting_learner(config, open_learner(config.transport, "run-1"))
     learner.publish(0)
     return learner
+
+
+def test_a_killed_evaluator_is_replaced_until_the_run_is_done(learner):
+    lines: list[str] = []
+    endpoint = learner.config.transport.endpoint
+    fleet = Fleet(endpoint, 1, log=lines.append, role="evaluator")
+    fleet.start()
+    try:
+        wait_for(lambda: fleet.poll() is not None or learner.results, "the first result")
+        assert not fleet.error
+        (first,) = fleet.pids()
+        os.kill(first, signal.SIGKILL)
+        before = len(learner.results)
+        wait_for(
+            lambda: fleet.poll() is not None or len(learner.results) > before + 1,
+            "a result of the replacement",
+        )
+        assert len({result.incarnation for result in learner.results}) == 2
+        assert {result.evaluator_id for result in learner.results} == {fleet._slots[0].actor_id}
+        assert not learner.headers and not learner.members, "it is no actor"
+        learner.endpoint.finish()
+        wait_for(lambda: fleet.poll() is not None, "the end")
+        assert fleet.poll() == 0
+    finally:
+        fleet.stop()
+    text = "\n".join(lines)
+    assert "evaluator 0 was killed by SIGKILL" in text and "evaluator 0 done" in text
+
+
+def test_an_evaluator_that_is_refused_says_why(learner):
+    learner.refusal = "this run validates nothing"
+    fleet = Fleet(learner.config.transport.endpoint, 1, role="evaluator")
+    fleet.start()
+    try:
+        wait_for(lambda: fleet.poll() is not None, "the refusal")
+    finally:
+        fleet.stop()
+    assert fleet.error.endswith("this run validates nothing")
 
 
 def test_killed_worker_is_replaced_until_the_run_is_done(learner):
@@ -174,7 +216,7 @@ def test_workers_log_in_without_showing_the_password(
     guard = Security("learner", certificates, users=users)
     learner = noting_learner(config, open_learner(config.transport, "run-1", guard))
     learner.refusal = "this learner wants another version"
-    fleet = Fleet(endpoint, 1, security=guard.of_local_actors(), namespace="lab/one")
+    fleet = Fleet(endpoint, 1, security=guard.of_local("actor"), namespace="lab/one")
     fleet.start()
     try:
         (worker,) = fleet.pids()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lndrl.numbering import by_number, checkpoint_name, checkpoints_in, step_of
+from lndrl.numbering import BEST, by_number, checkpoint_name, checkpoints_in, step_of
 
 
 @pytest.mark.parametrize(
@@ -45,6 +45,7 @@ def test_checkpoints_are_ordered_by_their_steps(one: int, other: int) -> None:
 def test_only_folders_of_that_name_are_checkpoints(tmp_path: Path) -> None:
     for name in ("step-1000000000", "step-999950000", "step-000000064.old", ".step-1.partial"):
         (tmp_path / name).mkdir()
+    (tmp_path / BEST).mkdir()  # a policy without optimizers: nothing to go on from
     (tmp_path / "abandoned-step-000000128").mkdir()
     (tmp_path / "step-000000192").write_text("")
     found = [path.name for path in checkpoints_in(tmp_path)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from lndrl.cli.evaluation.driving import drive_plans
+from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, names_in, trust
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
@@ -106,6 +107,7 @@ def benchmark(
     found, missing = contenders(bench, chosen, localization, greedy, file.parent)
     if missing:
         typer.echo(f"without weights, left out: {', '.join(missing)}", err=True)
+    say_origins(contender.source for contender in found)
     plan = Plan(folder, found, places, count, bench.seed, bench.changes, version=bench.version)
     check_frozen(bench, plan.identity.scenarios)
     with folder.locked():

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 import typer
 
 from lndrl.cli.again import same_command
-from lndrl.cli.notes import say_notes
+from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
     BenchName,
     PlannerSettings,
     ScenarioName,
     Temperature,
     TrustModules,
+    WhichCheckpoint,
+    of_run,
     part_settings,
     sampled,
     trust,
@@ -62,6 +64,7 @@ def evaluate(
     localization: Annotated[
         Localization | None, typer.Option(help="Default: as trained; perfect hands out the truth.")
     ] = None,
+    checkpoint: WhichCheckpoint = None,
     bench: Annotated[
         bool,
         typer.Option(
@@ -111,16 +114,18 @@ def evaluate(
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
     world = _World(scenario, localization, _bench(spec) if bench else None)
-    works = [
-        _Evaluation(
-            _source(each, settings if each in takers else {}, temperature, greedy),
-            world,
-            episodes,
-            seed,
+    sources = [
+        _source(
+            each,
+            settings if each in takers else {},
+            of_run(each, checkpoint, planners),
+            temperature,
             greedy,
         )
         for each in planners
     ]
+    say_origins(sources)
+    works = [_Evaluation(source, world, episodes, seed, greedy) for source in sources]
     say_notes(note for work in works for note in work.config.scenario.map_notes)
     results: list[EvaluationResult] = []
     for work in works:
@@ -143,12 +148,16 @@ def evaluate(
 
 
 def _source(
-    planner: str, settings: dict[str, Any], temperature: float | None, greedy: bool
+    planner: str,
+    settings: dict[str, Any],
+    checkpoint: str | None,
+    temperature: float | None,
+    greedy: bool,
 ) -> PlannerSource:
     """What ``planner`` names; a temperature is for policies, rules beside them have none."""
     from lndrl.planners import is_rule, planner_source
 
-    source = planner_source(planner, settings)
+    source = planner_source(planner, settings, checkpoint)
     return sampled(source, None if is_rule(planner) else temperature, greedy)
 
 
@@ -208,7 +217,7 @@ class _Evaluation:
         greedy: bool,
     ) -> None:
         self.source = source
-        config = world.config_of(self.source)
+        config = world.config_of(source)
         self.config = config.model_copy(update={"seed": seed})
         self.episodes, self.greedy = episodes, greedy
         self.title = f"{Path(source.name).name} on {config.scenario.name}"

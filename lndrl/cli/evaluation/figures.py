@@ -11,6 +11,7 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.benchmark import RESULTS
+from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, check_picture, names_in, trust
 from lndrl.cli.signals import telling
 from lndrl.errors import UserError
@@ -60,6 +61,7 @@ def trajectories(
     bench = _bench(spec)
     places = choose(bench.scenarios, names_in(scenario), "scenario")
     found = contenders_named(bench, names_in(methods) or choose(list(bench.methods), [], "method"))
+    say_origins(contender.source for contender in found)
     drives = []
     with _progress(len(places) * len(found), "trajectories") as advance:
         for place in places:
@@ -107,6 +109,7 @@ def activations(
     (place,) = choose(bench.scenarios, [scenario], "scenario")
     contender = contender_named(bench, method)
     need_network(contender)
+    say_origins([contender.source])
     with _progress(1, "activations") as advance:
         moment = moment_of(
             Replay(contender, place, bench.seed, bench.changes_in(place)), episode, step

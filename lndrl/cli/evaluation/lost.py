@@ -10,7 +10,7 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_scenario
-from lndrl.cli.notes import say_notes
+from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
     BenchName,
     PlannerSettings,
@@ -129,6 +129,7 @@ def _world(
         source = planner_source(planner, settings or None)
         contender = Contender(source.label, source, "amcl", greedy)
     source = contender.source
+    say_origins([source])
     if scenarios == []:
         raise UserError("--scenario: name one or more, with commas between")
     if own_world:

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
-from lndrl.cli.notes import say_notes
+from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
     PlannerSettings,
     ScenarioName,
     Temperature,
     TrustModules,
+    WhichCheckpoint,
     check_picture,
+    of_run,
     part_settings,
     sampled,
     trust,
@@ -53,6 +55,7 @@ def play(
         bool, typer.Option("--greedy", help="Take the likeliest action instead of sampling.")
     ] = False,
     temperature: Temperature = None,
+    checkpoint: WhichCheckpoint = None,
     planner_set: PlannerSettings = None,
     trust_modules: TrustModules = None,
 ) -> None:
@@ -62,8 +65,10 @@ def play(
     from lndrl.evaluation import EpisodeRunner, settings_for
     from lndrl.planners import planner_source
 
-    source = planner_source(planner, part_settings(planner_set, "--planner-set"))
+    settings = part_settings(planner_set, "--planner-set")
+    source = planner_source(planner, settings, of_run(planner, checkpoint, [planner]))
     source = sampled(source, temperature, greedy)
+    say_origins([source])
     config = settings_for(source, scenario).model_copy(update={"seed": seed})
     say_notes(config.scenario.map_notes)
     animated = out.suffix.lower() == ".gif"

@@ -16,6 +16,7 @@ _PLACES = {
     "learner": "the learner's machine",
     "actor": "every actor machine",
     "dashboard": "where dashboards run",
+    "evaluator": "where an evaluator runs",
 }
 
 
@@ -40,7 +41,8 @@ def certs(
         typer.Option(
             "--renew",
             metavar="ROLE",
-            help="New certificates for these roles (learner, actor, dashboard), same authority.",
+            help="New certificates for these roles (learner, actor, dashboard, evaluator),"
+            " same authority.",
             show_default=False,
         ),
     ] = None,

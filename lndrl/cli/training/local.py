@@ -35,6 +35,7 @@ def train_serially(
     The same learner and actor objects as in a distributed run, over the in-memory transport.
     """
     from actors.actor import Actor
+    from actors.evaluator import Evaluator
     from learner.learner import Learner
     from lndrl.transport import MemoryNetwork
     from lndrl.view.dashboard.screen import plain_line
@@ -47,6 +48,9 @@ def train_serially(
             Actor(network.actor(), actor_id=f"serial-{i:03d}", incarnation=_life(learner, i))
             for i in range(config.fixed_actors)
         ]
+        evaluator = Evaluator(network.evaluator(), evaluator_id="serial", incarnation="serial")
+        # At fixed updates, so that what is validated repeats, too.
+        interval = config.learner.checkpoint_interval if config.learner.validation_episodes else 0
         while not learner.finished and not stop.is_set():
             for actor in actors:
                 if actor.ready():
@@ -54,6 +58,8 @@ def train_serially(
                         actor.run_chunk(stop.is_set)
                 if learner.advance(timeout=0.0):
                     say(plain_line(_status(learner)), sys.stdout)
+                    if interval and learner.counters.updates % interval == 0:
+                        evaluator.round(stop.is_set)
         learner.end()
         return learner.summary()
     finally:
@@ -76,7 +82,8 @@ def train_locally(
     """
     from learner.service import run_learner
 
-    actors = security.of_local_actors() if security is not None else None
+    # Before anything is made: without actors there is no run.
+    guards = None if security is None else (security, security.of_local("actor"))
     ready: list[Learner] = []
     outcome: list[RunSummary] = []
     failure: list[BaseException] = []
@@ -103,7 +110,7 @@ def train_locally(
         while not ready and thread.is_alive():
             time.sleep(0.02)
         if ready:
-            _supervise(config, ready[0], thread, dashboard, stop, actors)
+            _supervise(config, ready[0], thread, dashboard, stop, guards)
     finally:
         stop.set()
         thread.join()
@@ -118,9 +125,12 @@ def _supervise(
     thread: threading.Thread,
     dashboard: bool,
     stop: Stop,
-    security: Security | None,
+    guards: tuple[Security, Security | None] | None,
 ) -> None:
-    """Keep the fleet alive and the picture fresh until the learner's thread ends."""
+    """Keep the fleet alive and the picture fresh until the learner's thread ends.
+
+    ``guards`` protect the learner and its actors.
+    """
     from actors.balance import Balance, first_choice
     from actors.fleet import Fleet
     from lndrl.machine.cores import usable_cores
@@ -138,10 +148,11 @@ def _supervise(
         reachable(config.transport.endpoint),
         choice.actors,
         log=lambda t: learner.events.add("fleet", t),
-        security=security,
+        security=guards[1] if guards else None,
         namespace=config.transport.namespace,
         lease=config.transport.lease,
     )
+    evaluator = _Evaluator(config, learner, guards[0] if guards else None)
     adapts = config.actor.count == "auto" and config.learner.mode == "async"
     balance = Balance(most=cores) if adapts else None
     show = _Screen(learner) if dashboard else _Lines(learner)
@@ -157,12 +168,62 @@ def _supervise(
                     break
                 if balance is not None:
                     _keep_balance(balance, fleet, learner)
+                evaluator.poll(fleet)
                 time.sleep(_TICK)
             stop.set()
             thread.join()
             show.update()
     finally:
+        evaluator.stop()
         fleet.stop()
+
+
+class _Evaluator:
+    """One evaluator process where the run validates; training goes on whatever becomes of it."""
+
+    def __init__(self, config: RunConfig, learner: Learner, security: Security | None) -> None:
+        from actors.fleet import Fleet
+
+        self._learner = learner
+        self._fleet: Fleet | None = None
+        self._begun = False
+        if not config.learner.validation_episodes:
+            return
+        try:
+            own = security.of_local("evaluator") if security is not None else None
+        except UserError as error:
+            learner.events.add("fleet", f"nothing is validated: {error}")
+            return
+        self._fleet = Fleet(
+            reachable(config.transport.endpoint),
+            1,
+            log=self._log,
+            security=own,
+            namespace=config.transport.namespace,
+            lease=config.transport.lease,
+            role="evaluator",
+        )
+
+    def poll(self, actors: Fleet) -> None:
+        """Look after it; it starts once all actors have, which compile what it needs, too."""
+        if self._fleet is None:
+            return
+        if not self._begun and actors.settled():
+            self._fleet.start()
+            self._begun = True
+        if self._begun and self._fleet.poll() == 2:
+            self._learner.events.add("fleet", f"nothing is validated: {self._fleet.error}")
+            self.stop()
+
+    def stop(self) -> None:
+        """End it; can be called twice."""
+        if self._fleet is not None:
+            self._fleet.stop()
+            self._fleet = None
+
+    def _log(self, text: str) -> None:
+        if " validated" not in text:  # the learner says so itself, and more of it
+            self._learner.events.add("fleet", text)
 
 
 def reachable(endpoint: str) -> str:

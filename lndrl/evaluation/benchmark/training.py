@@ -22,7 +22,8 @@ _FREE: Any = {
     "actor": {"count", "worlds", "threads", "precision"},
     "learner": {
         "total_steps", "threads", "device", "precision", "cuda_graphs", "checkpoint_interval",
-        "keep_checkpoints", "queue_chunks", "queue_megabytes",
+        "keep_checkpoints", "queue_chunks", "queue_megabytes", "validation_episodes",
+        "validation_share",
     },
     "transport": True,
 }  # fmt: skip

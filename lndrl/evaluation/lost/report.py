@@ -35,8 +35,8 @@ from lndrl.evaluation.lost.summary import (
     typical,
     usual_figures,
 )
-from lndrl.evaluation.wilson import wilson_interval
 from lndrl.version import VERSION
+from lndrl.wilson import wilson_interval
 
 
 @dataclass(frozen=True, eq=False)

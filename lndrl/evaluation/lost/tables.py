@@ -20,7 +20,7 @@ from lndrl.evaluation.lost.summary import (
     WHOLE,
     Typical,
 )
-from lndrl.evaluation.wilson import wilson_interval
+from lndrl.wilson import wilson_interval
 from lndrl.wording import counted
 
 RISK_NAMES = {

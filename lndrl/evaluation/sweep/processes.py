@@ -85,6 +85,7 @@ class Launcher(Trainer):
         spec = self.folder.sweep.spec
         command = ["evaluate", str(self.folder.run_path(job.run)), "--json"]
         command += ["--episodes", str(spec.episodes), "--workers", str(self.workers)]
+        command += ["--checkpoint", "newest"]
         return [*command, "--greedy"] if spec.greedy else command
 
 

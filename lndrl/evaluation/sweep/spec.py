@@ -169,6 +169,8 @@ def _variant(
     # Runs work in a folder of their own.
     start = [f"learner.start={Path(spec.start).resolve()}"] if spec.start else []
     where = f"{file}: variant {name}"
+    # Runs are compared at equal steps and tested at their end; an evaluator would only take time.
+    overrides = ["learner.validation_episodes=0", *overrides]
     for override in overrides:
         key = override.partition("=")[0]
         if key in _FIXED:

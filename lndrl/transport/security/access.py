@@ -19,11 +19,12 @@ from lndrl.transport.keys import (
     PING,
     STATUS,
     UPLOAD,
+    VALIDATION,
     WEIGHTS,
     in_namespace,
 )
 
-ROLES = ("learner", "actor", "dashboard")
+ROLES = ("learner", "actor", "dashboard", "evaluator")
 EVERY_UPLOAD = f"{UPLOAD}/**"
 EVERY_ACTOR = f"{ACTORS}/**"
 
@@ -56,10 +57,12 @@ RIGHTS = (
     Right("actor", "appear", EVERY_ACTOR),
     *(Right("dashboard", "ask", key) for key in (STATUS, PING)),
     Right("dashboard", "hear", STATUS),
+    # What to validate and what came of it are asked and told under one key.
+    *(Right("evaluator", "ask", key) for key in (VALIDATION, WEIGHTS, PING)),
     # A learner that is itself the router passes no rule; these serve one behind a router.
     *(
         Right("learner", "answer", key)
-        for key in (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, PING)
+        for key in (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING)
     ),
     *(Right("learner", "say", key) for key in (ANNOUNCE, STATUS)),
     Right("learner", "watch", EVERY_ACTOR),

@@ -24,7 +24,7 @@ class Security:
     """What protects a session. Paths are used as they are; ``check`` says what is wrong."""
 
     role: str
-    """``learner``, ``actor`` or ``dashboard``."""
+    """One of ``access.ROLES``."""
     certificates: Path | None = None
     """Folder holding ca.pem, ROLE.pem and ROLE.key."""
     user: str | None = None
@@ -78,20 +78,22 @@ class Security:
                 f" {self.role} or {self.role}-NAME"
             )
 
-    def of_local_actors(self) -> Security | None:
-        """What the actors need that the learner's own program starts; None for nothing.
+    def of_local(self, role: str) -> Security | None:
+        """What processes of ``role`` need that the learner's own program starts; None for nothing.
 
-        Raises UserError when the users file has no actor.
+        Raises UserError when the folder has no certificate for them or the users file no user.
         """
         if self.certificates is None and self.users is None:
             return None
-        actor = Security("actor", self.certificates)
+        found = Security(role, self.certificates)
+        if self.certificates is not None:
+            check_certificates(self.certificates, role)
         if self.users is None:
-            return actor
+            return found
         for user, password in read_users(self.users).items():
-            if role_of(user) == "actor":
-                return replace(actor, user=user, password=password)
-        raise UserError(f"{self.users}: has no user called actor or actor-NAME for the actors here")
+            if role_of(user) == role:
+                return replace(found, user=user, password=password)
+        raise UserError(f"{self.users}: has no user called {role} or {role}-NAME, needed here")
 
 
 def settings(security: Security, listening: bool = False, namespace: str = "") -> dict[str, Any]:

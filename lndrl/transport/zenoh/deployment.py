@@ -59,7 +59,7 @@ def files(namespaces: Sequence[str] = ("",)) -> dict[str, str]:
             merged(_router("tcp/0.0.0.0:7447"), with_users),
         ),
     }
-    for role in ("actor", "dashboard"):
+    for role in ("actor", "dashboard", "evaluator"):
         tls = {"transport": {"link": {"protocols": ["tls"], "tls": _tls(role, "connect")}}}
         found[f"{role}-tls.json5"] = _file(
             f"A client of the role {role}: lndrl {role} --connect tls/HOST:PORT --zenoh THIS.", tls

@@ -15,8 +15,17 @@ import zenoh
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.desk import LearnerDesk, to_json
-from lndrl.transport.interface import LearnerHandlers
-from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
+from lndrl.transport.interface import LearnerHandlers, ValidationHandlers
+from lndrl.transport.keys import (
+    ACTORS,
+    ANNOUNCE,
+    HELLO,
+    PING,
+    STATUS,
+    UPLOAD,
+    VALIDATION,
+    WEIGHTS,
+)
 from lndrl.transport.messages import NO_WEIGHTS, Ack, Limits, encode
 from lndrl.transport.security.identity import Security
 from lndrl.transport.uploads import UploadQueue
@@ -61,9 +70,11 @@ class ZenohLearner:
             self._session.largest_message, config.max_message_megabytes * 2**20
         )
 
-    def start(self, handlers: LearnerHandlers) -> None:
+    def start(
+        self, handlers: LearnerHandlers, validation: ValidationHandlers | None = None
+    ) -> None:
         """Begin to answer."""
-        self._desk.handlers = handlers
+        self._desk.handlers, self._desk.validation = handlers, validation
         session = self._session
         members = session.zenoh.liveliness().declare_subscriber(
             f"{ACTORS}/**", zenoh.handlers.FifoChannel(CAPACITY), history=True
@@ -76,6 +87,7 @@ class ZenohLearner:
             ("weights", WEIGHTS, self._on_weights),
             ("intake", f"{UPLOAD}/**", self._uploads.put),
             ("ping", PING, self._on_ping),
+            ("validation", VALIDATION, self._on_validation),
             ("hello", HELLO, self._on_hello),
         ):
             queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
@@ -113,6 +125,11 @@ class ZenohLearner:
     def _on_ping(self, query: zenoh.Query) -> None:
         with query:
             query.reply(PING, self._desk.answer_ping())
+
+    def _on_validation(self, query: zenoh.Query) -> None:
+        with query:
+            if str(query.key_expr) == VALIDATION:
+                query.reply(VALIDATION, self._desk.answer_validation(_bytes(query)))
 
     def _take_uploads(self) -> None:
         while (query := self._uploads.get()) is not None:

@@ -63,6 +63,7 @@ EVENT_COLOURS = {
     "join": GOOD,
     "resume": GOOD,
     "checkpoint": SKY,
+    "validated": GOOD,
     "leave": WARNING,
     "gone": WARNING,
     "slow": WARNING,

@@ -9,7 +9,7 @@ from rich.console import Group
 from rich.text import Text
 
 from lndrl.transport.status import HistoryRow, Status
-from lndrl.view.dashboard import panels
+from lndrl.view.dashboard import panels, validated
 from lndrl.view.dashboard.panels import Panel
 from lndrl.view.dashboard.verdict import headline
 from lndrl.view.text import MISSING, duration, fit, number, styled
@@ -36,7 +36,7 @@ def render(
 
     ``height`` None takes what it needs. ``stale_age`` (s) is the time since the status was last
     renewed. ``hint`` (keys) stands beside the events. When rows are short, actors and events
-    shrink first, then PPO becomes one line and goes, then the outcomes go.
+    shrink first, then validation becomes one line, then PPO does, then they go, outcomes last.
     """
     width = max(width, NARROWEST)
     boxed = width >= ROOMY[0] and (height is None or height >= ROOMY[1])
@@ -47,12 +47,7 @@ def render(
     if height is None:
         rows = (len(status.actors) + 1, EVENTS_LISTED)
     else:
-        least = 3 * (1 + boxed) + 2
-        if height - len(top) - sum(map(len, middle)) < least:
-            results = panels.outcomes(status, history, inside)
-            middle = [_frame(results, width, boxed), [panels.ppo_line(status, width)]]
-        while middle and height - len(top) - sum(map(len, middle)) < least:
-            middle.pop()
+        middle = _as_fits(status, history, width, boxed, middle, height - len(top))
         left = height - len(top) - sum(map(len, middle)) - 2 * (1 + boxed)
         rows = _share_rows(left, len(status.actors) + 1, len(status.events))
     lines = top + [line for block in middle for line in block]
@@ -68,15 +63,47 @@ def render(
     return Group(*lines[:height])
 
 
+def _as_fits(
+    status: Status,
+    history: Sequence[HistoryRow],
+    width: int,
+    boxed: bool,
+    middle: list[list[Text]],
+    rows: int,
+) -> list[list[Text]]:
+    """As much of ``middle`` as ``rows`` leave room for beside actors and events."""
+    least = 3 * (1 + boxed) + 2
+    choices = [(middle, least)]
+    results = [_frame(panels.outcomes(status, history, width - 4 * boxed), width, boxed)]
+    ppo = [panels.ppo_line(status, width)]
+    if status.validation is not None:
+        line = [validated.line(status, width)]
+        choices = [
+            (middle, least + 4),
+            ([*middle[:-1], line], least + 1),
+            ([*results, line, ppo], least + 1),
+            (middle[:-1], least),
+        ]
+    choices += [([*results, ppo], least), (results, least), ([], rows)]
+    return next(each for each, need in choices if rows - sum(map(len, each)) >= need)
+
+
 def _middle(
     status: Status, history: Sequence[HistoryRow], width: int, boxed: bool
 ) -> list[list[Text]]:
-    """Outcomes and PPO as blocks of lines: one block side by side, or two, the first more vital."""
+    """Outcomes and PPO as blocks of lines: one block side by side, or two, the first more vital.
+
+    Last comes validation, where the run has any.
+    """
     margin = 4 if boxed else 0
+    last = []
+    if status.validation is not None:
+        last = [_frame(validated.panel(status, width - margin), width, boxed)]
     if width < TWO_COLUMNS:
         return [
             _frame(panels.outcomes(status, history, width - margin), width, boxed),
             _frame(panels.ppo(status, width - margin, columns=3), width, boxed),
+            *last,
         ]
     gap = 1 if boxed else 3
     left = (width - gap) * 11 // 20
@@ -89,7 +116,7 @@ def _middle(
     for panel, room in ((first, left - margin), (second, right - margin)):
         panel.lines.extend(fit(Text(), room) for _ in range(rows - len(panel.lines)))
     pairs = zip(_frame(first, left, boxed), _frame(second, right, boxed), strict=True)
-    return [[a.copy().append(" " * gap).append_text(b) for a, b in pairs]]
+    return [[a.copy().append(" " * gap).append_text(b) for a, b in pairs], *last]
 
 
 def _share_rows(left: int, actors: int, events: int) -> tuple[int, int]:
@@ -152,6 +179,11 @@ def plain_line(status: Status, stale_age: float = 0.0) -> str:
         parts.append(f"kl {number(status.ppo.kl, 2)}")
     if status.lag.mean is not None:
         parts.append(f"lag {number(status.lag.mean, 2)}")
+    if status.validation is not None and status.validation.points:
+        newest = status.validation.points[-1]
+        if newest.sampled.episodes:
+            share = 100 * newest.sampled.arrived / newest.sampled.episodes
+            parts.append(f"validated {share:.1f}% at {newest.steps:,}")
     return "  ".join(parts).replace(MISSING, "-")
 
 

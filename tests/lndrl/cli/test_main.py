@@ -166,7 +166,7 @@ def test_version_as_json(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["evalute"], "lndrl: No such command 'evalute'. Did you mean 'evaluate'?"),
+        (["evalute"], "lndrl: No such command 'evalute'. Did you mean 'evaluate', 'evaluator'?"),
         (["--bogus"], "lndrl: No such option: --bogus"),
         (["train", "a.yaml", "--stepz", "3"], "lndrl train: No such option: --stepz"),
         (["train", "a.yaml", "--steps", "0"], "lndrl train: Invalid value for '--steps'"),

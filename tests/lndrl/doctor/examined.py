@@ -18,7 +18,15 @@ from lndrl.transport import (
     WeightsAnnouncement,
     free_endpoint,
 )
-from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, UPLOAD, WEIGHTS
+from lndrl.transport.keys import (
+    ANNOUNCE,
+    HELLO,
+    PING,
+    STATUS,
+    UPLOAD,
+    VALIDATION,
+    WEIGHTS,
+)
 from lndrl.transport.messages import encode
 from lndrl.transport.zenoh.session import open_session
 from lndrl.version import VERSION
@@ -27,7 +35,7 @@ PATIENCE = 60.0  # s, for machines with much else to do
 PONG = {"program_version": VERSION, "protocol": PROTOCOL_VERSION, "run_id": "first"}
 NEWS = encode(WeightsAnnouncement(3, 10, "00000000", "one"))
 TLS = "transport/link/tls"
-ALL_KEYS = [PING, HELLO, ANNOUNCE, WEIGHTS, f"{UPLOAD}/**", STATUS]
+ALL_KEYS = [PING, HELLO, ANNOUNCE, WEIGHTS, f"{UPLOAD}/**", STATUS, VALIDATION]
 
 
 def mutual(folder: Path, **changed: Any) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from lndrl.transport import (
     free_endpoint,
     open_learner,
 )
-from lndrl.transport.keys import PING, STATUS
+from lndrl.transport.keys import PING, STATUS, VALIDATION, WEIGHTS
 from lndrl.transport.security import certificates
 from lndrl.transport.security.access import ROLES
 from lndrl.transport.zenoh.learner import ZenohLearner
@@ -131,7 +131,12 @@ def test_all_is_right_without_protection() -> None:
 
 
 def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> None:
-    roles = {"actor": ALL_KEYS[:5], "dashboard": [PING, STATUS], "learner": ["lndrl/**"]}
+    roles = {
+        "actor": ALL_KEYS[:5],
+        "dashboard": [PING, STATUS],
+        "evaluator": [PING, WEIGHTS, VALIDATION],
+        "learner": ["lndrl/**"],
+    }
     with learner("tls", mutual(folder) | access(roles)) as endpoint:
         checks = examine(endpoint, certificates=folder)
     assert failed(checks) == []
@@ -226,7 +231,7 @@ def test_a_learner_without_users_and_users_without_role_are_told(brief: None) ->
     assert "has the role actor, not dashboard" in mismatch["dashboard: user"].text
 
 
-@pytest.mark.parametrize("role", ["actor", "dashboard"])
+@pytest.mark.parametrize("role", ["actor", "dashboard", "evaluator"])
 def test_each_denied_key_is_told(role: str, folder: Path, brief: None) -> None:
     """What is denied fails, and nothing else does."""
     for denied in {one.key for one in OPERATIONS[role]}:
@@ -318,7 +323,7 @@ def test_no_threads_and_no_sessions_stay(
     while threading.active_count() > before and time.monotonic() < deadline:
         time.sleep(0.01)
     assert threading.active_count() <= before
-    assert [session.closing for session in sessions] == [True] * 3
+    assert [session.closing for session in sessions] == [True] * len(ROLES)
 
 
 def test_a_program_that_is_no_zenoh_is_told(folder: Path, brief: None) -> None:

@@ -53,6 +53,8 @@ def test_several_planners_are_compared(room: str, capsys) -> None:
         (["evaluate", "straight", "--episodes", "0"], "--episodes 0: must be 1 or more"),
         (["evaluate", "straight", "--seed", "-1"], "--seed -1"),
         (["evaluate", "straight", "--workers", "-1"], "--workers -1"),
+        (["evaluate", "dwa", "--checkpoint", "best"], "goes with a run folder, and dwa is none"),
+        (["play", "dwa", "--out", "a.png", "--checkpoint", "best"], "goes with a run folder"),
         (["evaluate", "runs/none"], "runs/none: no such run folder or weights file"),
         (["evaluate", "straight", "--scenario", "hybird"], "did you mean hybrid?"),
         (["evaluate", "straight", "--scenario", "no.yaml"], "no.yaml: no such file"),

@@ -14,12 +14,16 @@ from hypothesis.extra import numpy as hnp
 
 from lndrl.transport import messages
 from lndrl.transport.messages import (
+    COUNTS,
     Ack,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     Limits,
     MessageError,
     Refusal,
+    ValidationResult,
+    ValidationTask,
     WeightsAnnouncement,
     Welcome,
     decode,
@@ -180,6 +184,7 @@ def test_numpy_scalars_in_headers_become_plain():
     assert unpack(pack({"a": np.float32(0.5), "b": np.int64(3)}))[0] == {"a": 0.5, "b": 3}
 
 
+COUNTED = dict(zip(COUNTS, (6, 3, 2, 1, 0, 300), strict=True))
 ALL = [
     Hello("a-1", "i1", "host", 3, 8, "0.1"),
     Welcome("run", {"seed": 1}, 0, 4, "abc"),
@@ -187,6 +192,9 @@ ALL = [
     ChunkHeader("run", "a-1", "i1", 1, 64, 8, [{"outcome": "arrived"}], {"infer": 0.5}, "h", 1),
     Ack("accepted", 3, "abc", "", True),
     WeightsAnnouncement(3, 100, "00", "abc"),
+    EvaluatorHello("e-1", "i1", "host", 3, "0.1"),
+    ValidationTask("run", {"seed": 1}, 4, "abc"),
+    ValidationResult("run", "e-1", "i1", "abc", 4, 2.5, COUNTED, COUNTED),
 ]
 
 
@@ -225,6 +233,20 @@ def test_a_wrong_field_is_refused_or_valid(message, data):
         (Ack, {"done": 1}),
         (WeightsAnnouncement, {"version": -2}),
         (WeightsAnnouncement, {"version": 1.0}),
+        (EvaluatorHello, {"evaluator_id": "a/b"}),
+        (EvaluatorHello, {"ready": 1}),
+        (ValidationTask, {"version": -2}),
+        (ValidationTask, {"config": []}),
+        (ValidationResult, {"version": -1}),
+        (ValidationResult, {"seconds": float("nan")}),
+        (ValidationResult, {"seconds": 10**400}),
+        (ValidationResult, {"seconds": True}),
+        (ValidationResult, {"learner_incarnation": ""}),
+        (ValidationResult, {"sampled": {**COUNTED, "arrived": 4}}),
+        (ValidationResult, {"sampled": {**COUNTED, "arrived": 5, "lost": -1}}),
+        (ValidationResult, {"sampled": {**COUNTED, "steps": 5}}),
+        (ValidationResult, {"greedy": {**COUNTED, "won": 0}}),
+        (ValidationResult, {"greedy": {}}),
     ],
 )
 def test_wrong_fields_are_refused(kind, change):

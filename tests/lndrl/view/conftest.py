@@ -37,6 +37,11 @@ def _actor(i: int) -> dict[str, Any]:
     }
 
 
+def _counted(arrived: int) -> dict[str, int]:
+    rest = {"collided": 100 - arrived, "lost": 0, "timeout": 0, "steps": 5000}
+    return {"episodes": 100, "arrived": arrived, **rest}
+
+
 def _answer(fleet: int = 9, log: int = 20, rows: int = 120, **changes: Any) -> dict[str, Any]:
     history = [
         {
@@ -110,6 +115,21 @@ def _answer(fleet: int = 9, log: int = 20, rows: int = 120, **changes: Any) -> d
             {"time": 1900.0 + i, "kind": "join", "text": f"event {i} " + "words " * (i % 20)}
             for i in range(log)
         ],
+        "validation": {
+            "episodes": 100,
+            "heard": 1.0,
+            "points": [
+                {
+                    "version": 10 * i,
+                    "steps": 10000 * i,
+                    "unix": 1000.0 + 80 * i,
+                    "sampled": _counted(8 * i),
+                    "greedy": _counted(7 * i),
+                }
+                for i in range(12)
+            ],
+            "best": {"version": 90, "steps": 90000, "sampled": _counted(91)},
+        },
         "checkpoint": {"path": "runs/crowd-7/checkpoints/step-000123456", "age": 41.0},
     }
     return {"snapshot": snapshot | changes, "history": history}

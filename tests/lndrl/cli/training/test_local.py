@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -10,7 +11,10 @@ import pytest
 from actors.balance import Balance
 from actors.fleet import Fleet
 from learner.learner import Learner
-from lndrl.cli.training.local import _keep_balance, reachable
+from lndrl.cli.training.local import _Evaluator, _keep_balance, reachable
+from lndrl.config import load_config
+from lndrl.transport import Security
+from tests.lndrl.transport.security.authority import make_certificates
 
 
 class Counted:
@@ -74,6 +78,66 @@ def test_idle_actors_leave_and_are_not_missed(turn) -> None:
 
 def test_before_the_first_update_nothing_is_known(turn) -> None:
     assert turn(1, 0.9, 0.0, updates=False) == (1, [], [])
+
+
+def test_without_a_certificate_for_it_nothing_is_validated_and_that_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder of before there were evaluators has none; training goes on."""
+    certificates = make_certificates(tmp_path / "certs")
+    (certificates / "evaluator.pem").unlink()
+    events: list[tuple[str, str]] = []
+    learner = SimpleNamespace(
+        events=SimpleNamespace(add=lambda kind, text: events.append((kind, text)))
+    )
+    config = load_config("lndrl", ["transport.endpoint=tls/localhost:1"])
+    evaluator = _Evaluator(config, cast(Learner, learner), Security("learner", certificates))
+    evaluator.poll(cast(Fleet, Counted(1)))
+    evaluator.stop()
+    ((kind, text),) = events
+    assert kind == "fleet" and text.startswith("nothing is validated: ")
+    assert text.endswith("evaluator.pem: no such file")
+
+
+def test_an_evaluator_comes_after_the_actors_and_leaves_for_good_with_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[str] = []
+
+    class Fails(Counted):
+        error = "the learner refused: no"
+
+        def __init__(self, *_: object, role: str, **__: object) -> None:
+            super().__init__(1)
+            assert role == "evaluator"
+
+        def start(self) -> None:
+            started.append("start")
+
+        def poll(self) -> int:
+            return 2
+
+        def stop(self) -> None:
+            started.append("stop")
+
+    monkeypatch.setattr("actors.fleet.Fleet", Fails)
+    events: list[tuple[str, str]] = []
+    learner = SimpleNamespace(
+        events=SimpleNamespace(add=lambda kind, text: events.append((kind, text)))
+    )
+    evaluator = _Evaluator(load_config("lndrl"), cast(Learner, learner), None)
+    joined: list[bool] = []
+    actors = SimpleNamespace(settled=lambda: bool(joined))
+    evaluator.poll(cast(Fleet, actors))
+    assert started == []
+    joined.append(True)
+    for _ in range(3):
+        evaluator.poll(cast(Fleet, actors))
+    assert started == ["start", "stop"]
+    assert events == [("fleet", "nothing is validated: the learner refused: no")]
+    off = load_config("lndrl", ["learner.validation_episodes=0"])
+    _Evaluator(off, cast(Learner, learner), None).poll(cast(Fleet, actors))
+    assert started == ["start", "stop"]
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,12 @@ from lndrl.config import TransportConfig
 from lndrl.transport import (
     Ack,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     Refusal,
     Security,
+    ValidationResult,
+    ValidationTask,
     Welcome,
     free_endpoint,
     open_learner,
@@ -32,7 +35,13 @@ from tests.lndrl.transport.security.authority import make_certificates
 
 PATIENCE = 60.0  # s, for machines with much else to do
 ANYTHING = "lndrl/**"
-PASSWORDS = {"actor": "walks:far", "actor-lab3": "walks near", "dashboard": "sees", "learner": "l"}
+PASSWORDS = {
+    "actor": "walks:far",
+    "actor-lab3": "walks near",
+    "dashboard": "sees",
+    "evaluator": "tests",
+    "learner": "l",
+}
 
 
 class Handlers:
@@ -41,12 +50,20 @@ class Handlers:
     def __init__(self) -> None:
         self.sequences: list[int] = []
         self.members: list[tuple[str, bool]] = []
+        self.validated: list[int] = []
 
     def on_hello(self, hello: Hello) -> Welcome | Refusal:
         return Welcome("run", {}, 0)
 
     def on_chunk(self, header: ChunkHeader, arrays: dict, size: int) -> Ack:
         self.sequences.append(header.sequence)
+        return Ack("accepted")
+
+    def on_evaluator(self, hello: EvaluatorHello) -> ValidationTask | Refusal:
+        return ValidationTask("run", {}, 7)
+
+    def on_validation(self, result: ValidationResult) -> Ack:
+        self.validated.append(result.version)
         return Ack("accepted")
 
     def on_malformed(self, reason: str) -> None:
@@ -92,7 +109,7 @@ class Site:
             self.config, "run-1", self.security("learner", listens=True, **changes)
         )
         self.open.append(learner)
-        learner.start(self.handlers)
+        learner.start(self.handlers, self.handlers)
         return learner
 
     def session(self, role: str, user: str | None = None, **changes: Any) -> ZenohSession:

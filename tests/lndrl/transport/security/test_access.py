@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, WEIGHTS
+from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, VALIDATION, WEIGHTS
 from lndrl.transport.security.access import (
     EVERY_ACTOR,
     EVERY_UPLOAD,
@@ -19,24 +19,37 @@ from lndrl.transport.security.access import (
 from lndrl.transport.security.identity import settings
 from tests.lndrl.transport.security.sites import ANYTHING, PATIENCE, Site, Watcher
 
-KEYS = (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, PING, EVERY_ACTOR, ANYTHING)
+KEYS = (
+    *(HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING),
+    *(EVERY_ACTOR, ANYTHING),
+)
 ACTIONS = ("ask", "answer", "hear", "say", "delete", "appear", "watch")
 
-# Everything that actors and dashboards must not do, key by key; the rest is what they are for.
+# Everything that actors, dashboards and evaluators must not do, key by key; the rest is what they
+# are for.
 MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
     "actor": {
-        "ask": (STATUS, EVERY_ACTOR, ANYTHING),
+        "ask": (STATUS, VALIDATION, EVERY_ACTOR, ANYTHING),
         "answer": KEYS,
-        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, STATUS, PING, EVERY_ACTOR, ANYTHING),
+        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, STATUS, VALIDATION, PING, EVERY_ACTOR, ANYTHING),
         "say": KEYS,
         "delete": KEYS,
-        "appear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, PING, ANYTHING),
+        "appear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING, ANYTHING),
         "watch": KEYS,
     },
     "dashboard": {
-        "ask": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, EVERY_ACTOR, ANYTHING),
+        "ask": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, EVERY_ACTOR, ANYTHING),
         "answer": KEYS,
-        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, PING, EVERY_ACTOR, ANYTHING),
+        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, PING, EVERY_ACTOR, ANYTHING),
+        "say": KEYS,
+        "delete": KEYS,
+        "appear": KEYS,
+        "watch": KEYS,
+    },
+    "evaluator": {
+        "ask": (HELLO, EVERY_UPLOAD, ANNOUNCE, STATUS, EVERY_ACTOR, ANYTHING),
+        "answer": KEYS,
+        "hear": KEYS,
         "say": KEYS,
         "delete": KEYS,
         "appear": KEYS,

@@ -15,16 +15,22 @@ import zenoh
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport import (
+    COUNTS,
     PROTOCOL_VERSION,
     ChunkHeader,
+    EvaluatorHello,
     Hello,
     Security,
+    ValidationResult,
+    ValidationTask,
     free_endpoint,
     open_actor,
+    open_evaluator,
     open_learner,
     open_viewer,
 )
-from lndrl.transport.keys import ANNOUNCE, PING, WEIGHTS
+from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD, WEIGHTS
+from lndrl.transport.messages import encode
 from lndrl.transport.security.access import (
     ROLES,
     Subject,
@@ -56,6 +62,32 @@ def send(actor: Any, sequence: int) -> None:
     actor.upload(header, {"x": np.zeros(100_000, np.uint8)})
 
 
+def result_of(task: ValidationTask) -> ValidationResult:
+    counts = dict(zip(COUNTS, (2, 1, 1, 0, 0, 50), strict=True))
+    told = (task.run_id, "evaluator-0", "first", task.learner_incarnation, task.version)
+    return ValidationResult(*told, 1.0, counts, counts)
+
+
+def test_nobody_but_an_evaluator_posts_validation_and_it_does_nothing_else(site) -> None:
+    """With a role's certificate or user, through whichever endpoint: what it may not is unheard."""
+    learner, config = site.learner(), site.config
+    learner.publish_weights(7, b"weights")
+    task = ValidationTask("run", {}, 7, learner.incarnation)
+    for role in ("actor", "dashboard"):
+        liar = open_evaluator(config.endpoint, config, site.security(role))
+        site.open.append(liar)
+        assert liar.report(result_of(task), 1.0) is None
+    assert site.handlers.validated == []
+    actor = open_actor(config.endpoint, config, site.security("evaluator"))
+    site.open.append(actor)
+    with pytest.raises(UserError, match="no learner answers"):
+        actor.hello(GREETING, 1)
+    header = ChunkHeader("run", "actor-0", "first", 1, 1, 1)
+    raw = site.session("evaluator")
+    assert raw.query(f"{UPLOAD}/actor-0/first/1", encode(header), timeout=1.0) is None
+    assert site.handlers.sequences == []
+
+
 def works(site: Site, learner: Any) -> None:
     """Everything that an actor and a dashboard are for."""
     config = site.config
@@ -71,6 +103,14 @@ def works(site: Site, learner: Any) -> None:
     learner.publish_weights(7, b"w" * 300_000)
     assert actor.wait_newer(-1, PATIENCE)
     assert actor.fetch(timeout=PATIENCE) == (7, b"w" * 300_000)
+    evaluator = open_evaluator(config.endpoint, config, site.security("evaluator"))
+    site.open.append(evaluator)
+    task = evaluator.ask(EvaluatorHello("evaluator-0", "first", "here", 1, VERSION), PATIENCE)
+    assert (task.version, task.learner_incarnation) == (7, learner.incarnation)
+    assert evaluator.fetch(7, PATIENCE) == b"w" * 300_000
+    ack = evaluator.report(result_of(task), PATIENCE)
+    assert ack is not None and ack.status == "accepted"
+    assert site.handlers.validated[-1] == 7
     learner.publish_weights(8, b"new")
     # Not from an ack: no chunk was sent since.
     assert wait_until(lambda: actor.newest()[0] == 8)

@@ -333,15 +333,15 @@ def test_secrets_show_nowhere(tmp_path, caplog) -> None:
 
 def test_local_actors_get_what_they_need(certificates, tmp_path) -> None:
     users = private(tmp_path / "users", f"dashboard:x\nactor-here:{SECRET}\nactor:y\n")
-    assert Security("learner").of_local_actors() is None
-    assert Security("learner", certificates).of_local_actors() == Security("actor", certificates)
+    assert Security("learner").of_local("actor") is None
+    assert Security("learner", certificates).of_local("actor") == Security("actor", certificates)
     both = Security("learner", certificates, users=users, insecure=True)
-    assert both.of_local_actors() == Security(
+    assert both.of_local("actor") == Security(
         "actor", certificates, user="actor-here", password=SECRET
     )
     only = private(tmp_path / "only", "dashboard:x\n")
     with pytest.raises(UserError, match="has no user called actor"):
-        Security("learner", users=only).of_local_actors()
+        Security("learner", users=only).of_local("actor")
 
 
 def test_the_shipped_files_are_those_of_the_table() -> None:

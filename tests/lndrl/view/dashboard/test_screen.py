@@ -65,6 +65,27 @@ def test_warnings_do_not_push_outcomes_out(answer: Answer, size: tuple[int, int]
     assert "55.2 %" in words and "KL" in words and "!!" in words and "node-3" in words
 
 
+def test_validation_is_drawn_with_its_interval(answer: Answer) -> None:
+    words = "\n".join(drawn(answer(), 120, 46))
+    for part in ("validation", "88.0 %", "95 %: 80 to 93", "best 91.0 % at 90,000"):
+        assert part in words
+    assert "step 110,000, 2 min ago · 100 episodes a round" in words
+    low = "\n".join(drawn(answer(), 80, 24))
+    assert "validation  88.0 % arrived (80 to 93) at 110,000  best 91.0 % at 90,000" in low
+    assert "validation" not in "\n".join(drawn(answer(validation=None), 120, 46))
+    none = {"episodes": 100, "points": [], "heard": None}
+    assert "no evaluator has come yet" in "\n".join(drawn(answer(validation=none), 120, 46))
+
+
+@pytest.mark.parametrize(
+    "odd", [{"points": [{"sampled": {"arrived": 5}}]}, {"points": [{}], "best": {}}]
+)
+def test_odd_counts_do_not_stop_the_drawing(answer: Answer, odd: dict[str, Any]) -> None:
+    for size in ((120, 46), (80, 24)):
+        assert "validation" in "\n".join(drawn(answer(validation=odd), *size))
+    assert plain_line(parse_reply(answer(validation=odd))[0]).isascii()
+
+
 def test_worst_actor_stands_first(answer: Answer) -> None:
     status, _ = parse_reply(answer())
     states = [actor.state for actor in worst_first(status.actors)]

@@ -1,0 +1,290 @@
+"""Validation on the learner's side: which weights are tested, what came of it, which were best.
+
+Evaluators ask and report on a thread of the transport. There results are only checked and put
+down; the learner's own thread records them, so nothing of this can disturb an update.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from learner.run.best import conditions, read_best, save_best, set_aside_best
+from learner.run.events import EventLog
+from learner.run.record import Recorder
+from lndrl.config import RunConfig
+from lndrl.transport import (
+    COUNTS,
+    PROTOCOL_VERSION,
+    Ack,
+    EvaluatorHello,
+    Refusal,
+    ValidationResult,
+    ValidationTask,
+)
+from lndrl.version import VERSION
+from lndrl.wilson import wilson_interval
+
+SHOWN = 120
+"""Points of the curve that a status carries."""
+_EVALUATORS = 16  # whose names are kept; one more takes the place of the oldest
+_MOST_HELD = 2  # versions of 30 MB each that evaluators are at; an older one is forgotten
+_GIVEN_UP = 600.0  # s after which weights that one evaluator has may be tested by another
+
+
+@dataclass(frozen=True)
+class _Offer:
+    """Weights as they were published; ``elapsed`` s of training came before."""
+
+    version: int
+    steps: int
+    elapsed: float
+    weights: bytes
+
+
+@dataclass(frozen=True)
+class _Handed:
+    """An offer that an evaluator has, since ``at`` (monotonic s), and no result of it yet."""
+
+    offer: _Offer
+    at: float
+
+
+class Validation:
+    """What evaluators may test, and the curve of what they found; see ``ValidationHandlers``.
+
+    ``curve`` holds a row per validated version, in the order in which the results came.
+    """
+
+    def __init__(
+        self, config: RunConfig, run_id: str, incarnation: str, folder: Path, events: EventLog
+    ) -> None:
+        """``folder``: of the checkpoints."""
+        self.episodes = config.learner.validation_episodes
+        self.curve: list[dict[str, Any]] = []
+        self.best: dict[str, Any] | None = None
+        self._config, self._folder, self._events = config, folder, events
+        self._config_data = config.model_dump(mode="json")
+        self._run_id, self._incarnation = run_id, incarnation
+        self._under = conditions(config)
+        self._newest: _Offer | None = None
+        self._handed: dict[str, _Handed] = {}  # by evaluator
+        self._lives: dict[str, str] = {}  # evaluator to incarnation
+        self._done: set[int] = set()  # versions of which there is a result
+        self._waiting: deque[tuple[ValidationResult, _Offer]] = deque()
+        self._heard: float | None = None  # monotonic s of an evaluator's newest word
+        self._lock = Lock()
+
+    # -- the learner's side ------------------------------------------------------------------
+
+    def take_up(self, curve: list[dict[str, Any]], went_back_to: int | None) -> None:
+        """Go on with the curve of earlier sessions and the best policy that they left.
+
+        ``went_back_to``: the step that the run goes on from, where later checkpoints were set
+        aside for it. A best policy that is no measure for what comes is set aside, too.
+        """
+        self.curve = curve
+        self._done = {row["version"] for row in curve}
+        try:
+            best = read_best(self._folder)
+        except ValueError as error:
+            set_aside_best(self._folder)
+            self._events.add("checkpoint", f"best is damaged ({error}) and set aside")
+            return
+        if best is None:
+            return
+        why = ""
+        if went_back_to is not None and best["steps"] > went_back_to:
+            why = "the run goes on before it"
+        elif best["under"] != self._under:
+            why = "validation is of other episodes now"
+        if why:
+            set_aside_best(self._folder)
+            self._events.add("checkpoint", f"best (step {best['steps']:,}) is set aside: {why}")
+        else:
+            self.best = best
+
+    def offer(self, version: int, steps: int, elapsed: float, weights: bytes) -> None:
+        """These are the newest weights, which are published already."""
+        if self.episodes:
+            with self._lock:
+                self._newest = _Offer(version, steps, elapsed, weights)
+
+    def turn(self, recorder: Recorder, updates: int) -> None:
+        """Record the results that have come, after so many updates; never raises."""
+        while self._waiting:
+            result, offer = self._waiting.popleft()
+            row = self._row(result, offer)
+            score = self._score(row)
+            better = self.best is None or score >= self.best["score"]
+            self.curve.append(row)
+            recorder.add_validation(row, updates)
+            if better:
+                self._keep(offer, {**row, "score": score})
+            self._events.add("validated", f"at step {offer.steps:,}: {in_words(row)}")
+
+    def snapshot(self) -> dict[str, Any] | None:
+        """For the status; None where the run validates nothing."""
+        if not self.episodes and not self.curve:
+            return None
+        names = ("version", "steps", "unix", "sampled", "greedy")
+        heard, best = self._heard, self.best
+        return {
+            "episodes": self.episodes,
+            "heard": None if heard is None else time.monotonic() - heard,
+            "points": [{name: row[name] for name in names} for row in self.curve[-SHOWN:]],
+            "best": {name: best[name] for name in names} if best is not None else None,
+        }
+
+    def _row(self, result: ValidationResult, offer: _Offer) -> dict[str, Any]:
+        return {
+            "version": offer.version,
+            "steps": offer.steps,
+            "elapsed": offer.elapsed,
+            "unix": time.time(),
+            "seconds": result.seconds,
+            "evaluator": result.evaluator_id,
+            "under": self._under,
+            "sampled": dict(result.sampled),
+            "greedy": dict(result.greedy),
+        }
+
+    def _score(self, row: dict[str, Any]) -> float:
+        """Share of sampled arrivals of this version and of the one validated before it, together.
+
+        The best of many noisy rates is mostly a lucky one. Two neighbours are nearly the same
+        policy, so both say something about the later one, and luck needs to strike twice.
+        """
+        before = [
+            other
+            for other in self.curve
+            if other["version"] < row["version"] and other["under"] == row["under"]
+        ]
+        nearest = max(before, key=lambda other: other["version"], default=None)
+        both = [each["sampled"] for each in (row, nearest) if each is not None]
+        return sum(one["arrived"] for one in both) / sum(one["episodes"] for one in both)
+
+    def _keep(self, offer: _Offer, facts: dict[str, Any]) -> None:
+        try:
+            save_best(self._folder, self._config, offer.weights, facts)
+        except OSError as error:
+            self._events.add("disk", f"best (step {offer.steps:,}) cannot be written: {error}")
+            return
+        self.best = facts
+
+    # -- handlers, called on a transport's thread --------------------------------------------
+
+    def on_evaluator(self, hello: EvaluatorHello) -> ValidationTask | Refusal:
+        """Hand out the newest weights' version if nobody has tested it, or does so now."""
+        if hello.protocol != PROTOCOL_VERSION or hello.program_version != VERSION:
+            return Refusal(
+                f"this learner is lndrl {VERSION} (protocol {PROTOCOL_VERSION}), the evaluator is "
+                f"lndrl {hello.program_version[:40]} (protocol {hello.protocol}); install the same"
+            )
+        if not self.episodes:
+            return Refusal(
+                "this run validates nothing; train with --set learner.validation_episodes=100"
+            )
+        name = hello.evaluator_id
+        with self._lock:
+            self._heard = time.monotonic()
+            joined = self._lives.get(name) != hello.incarnation
+            if joined:
+                self._lives[name] = hello.incarnation
+                while len(self._lives) > _EVALUATORS:
+                    self._lives.pop(next(iter(self._lives)))
+            offer = self._hand(name) if hello.ready else None
+        if joined:
+            self._events.add("join", f"evaluator {name} on {hello.host[:80]}", sender=name)
+        if offer is None:
+            return ValidationTask(self._run_id, self._config_data)
+        return ValidationTask(self._run_id, self._config_data, offer.version)
+
+    def on_validation(self, result: ValidationResult) -> Ack:
+        """Take a result once, of weights that were handed out and episodes as they should be."""
+        if result.run_id != self._run_id:
+            return self._refuse(result, f"run {result.run_id[:80]} is not this run")
+        if result.learner_incarnation != self._incarnation:
+            return Ack("stale", reason="the weights were those of another learner")
+        limit = self._config.steps_limit
+        for counts in (result.sampled, result.greedy):
+            if counts["episodes"] != self.episodes:
+                return self._refuse(result, f"{self.episodes} episodes are asked for")
+            if counts["steps"] > counts["episodes"] * limit:
+                return self._refuse(result, f"an episode has at most {limit:,} steps")
+        with self._lock:
+            self._heard = time.monotonic()
+            if result.version in self._done:
+                return Ack("duplicate")
+            mine = self._handed.get(result.evaluator_id)
+            if mine is None or mine.offer.version != result.version:
+                return Ack("stale", reason=f"version {result.version} is no longer kept")
+            del self._handed[result.evaluator_id]
+            self._done.add(result.version)
+            self._waiting.append((result, mine.offer))
+        return Ack("accepted")
+
+    def _hand(self, evaluator: str) -> _Offer | None:
+        """The newest weights for ``evaluator``; what it had before is forgotten."""
+        offer, now = self._newest, time.monotonic()
+        if offer is None or offer.version in self._done:
+            return None
+        for name, handed in self._handed.items():
+            if (
+                name != evaluator
+                and handed.offer.version == offer.version
+                and now - handed.at < _GIVEN_UP
+            ):
+                return None
+        self._handed.pop(evaluator, None)
+        self._handed[evaluator] = _Handed(offer, now)
+        while len(self._handed) > _MOST_HELD:
+            self._handed.pop(next(iter(self._handed)))
+        return offer
+
+    def _refuse(self, result: ValidationResult, reason: str) -> Ack:
+        name = result.evaluator_id
+        self._events.add("refused", f"validation by {name}: {reason}", sender=name)
+        return Ack("refused", reason=reason)
+
+
+def in_words(row: dict[str, Any]) -> str:
+    """How the episodes of a row ended: shares, and 95 % Wilson intervals of the arrivals."""
+    sampled, greedy = row["sampled"], row["greedy"]
+    rest = ", ".join(
+        f"{sampled[key] / sampled['episodes']:.2f} {word}"
+        for key, word in (("collided", "collided"), ("lost", "lost"), ("timeout", "stuck"))
+    )
+    return f"{arrivals(sampled)} of {sampled['episodes']}, {rest}; greedy {arrivals(greedy)}"
+
+
+def arrivals(counts: dict[str, int]) -> str:
+    """For example ``0.93 arrived (0.86-0.97)``."""
+    low, high = wilson_interval(counts["arrived"], counts["episodes"])
+    return f"{counts['arrived'] / counts['episodes']:.2f} arrived ({low:.2f}-{high:.2f})"
+
+
+def read_curve(path: Path) -> list[dict[str, Any]]:
+    """The rows of validation in a ``metrics.jsonl``, oldest first; damaged ones are left out."""
+    try:
+        with path.open("rb") as file:
+            found = [_row_in(line) for line in file if b'"validation"' in line]
+    except OSError:
+        return []  # the recorder has said so
+    return [row for row in found if row is not None]
+
+
+def _row_in(line: bytes) -> dict[str, Any] | None:
+    try:
+        row = json.loads(line)["validation"]
+        checked = (row["version"], row["steps"], row["unix"], row["under"])
+        counts = [row[kind][name] for kind in ("sampled", "greedy") for name in COUNTS]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    whole = all(type(number) is int for number in (*checked[:2], *counts))
+    return row if whole and row["sampled"]["episodes"] > 0 < row["greedy"]["episodes"] else None
