@@ -20,12 +20,13 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     """``samples_per_second``: one sample is one forward and backward pass of both nets.
 
     The gradient steps (clipping, Adam) are included, as in training, with the minibatches of
-    ``configs/lndrl.yaml`` and all cores; on a GPU the upload of the batch, too.
+    ``configs/lndrl.yaml`` and all cores, by reward alone; on a GPU the upload of the batch, too.
     ``people_in_view`` is the mean that the figure of a CPU depends on. Raises UserError when
     ``device`` is not there.
     """
     keep_freed_memory()
-    config = hybrid_config([f"learner.device={device}", "ppo.epochs=1"])
+    plain = ["ppo.epochs=1", "ppo.teacher=null", "learner.privileged_critic=false"]
+    config = hybrid_config([f"learner.device={device}", *plain])
     ppo = PPO(config)
     batch = _batch(observations(config, _SAMPLES, 1)[0])
     generator = np.random.default_rng(0)

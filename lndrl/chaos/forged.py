@@ -40,6 +40,7 @@ def forged_arrays(
         version=np.full(shape, version, np.uint32),
         final_index=index,
         final_observation=_observation(config, draw, (len(index),)),
+        teacher=_labels(config, draw, (*shape, actions)),
         privileged=_privileged(config, draw, shape),
         final_privileged=_privileged(config, draw, (len(index),)),
     ).to_arrays()
@@ -55,6 +56,15 @@ def _observation(
     observation.pedestrian_count[:] = 1
     observation.pedestrians[..., 0, :] = draw.uniform(-0.5, 0.5, (*shape, 4))
     return observation
+
+
+def _labels(
+    config: RunConfig, draw: np.random.Generator, shape: tuple[int, ...]
+) -> NDArray[np.float16] | None:
+    """What a teacher would say, in a run that has one."""
+    if config.ppo.teacher is None:
+        return None
+    return draw.uniform(0.0, 9.0, shape).astype(np.float16)
 
 
 def _privileged(

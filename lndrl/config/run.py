@@ -75,21 +75,6 @@ class RunConfig(Model):
         return self
 
     @model_validator(mode="after")
-    def _teacher_fits_the_task(self) -> RunConfig:
-        if self.ppo.teacher == "careful" and self.localization.kind == "perfect":
-            raise ValueError(
-                "ppo.teacher careful goes by the belief's variances, and localization perfect has "
-                "none; take predictive, or localization.kind: amcl"
-            )
-        turns = self.task.angular_velocities
-        if self.ppo.teacher and self.imitation.mirror and {-w for w in turns} != set(turns):
-            raise ValueError(
-                "imitation.mirror needs task.angular_velocities that go as far left as right; make "
-                "them so, or set imitation.mirror: false"
-            )
-        return self
-
-    @model_validator(mode="after")
     def _episodes_fit_into_memory(self) -> RunConfig:
         if self.steps_limit > MOST_STEPS:
             raise ValueError(
@@ -116,6 +101,24 @@ class RunConfig(Model):
                 "one chunk of every actor, and does not grow"
             )
         return self
+
+    def teacher_misfit(self) -> str | None:
+        """Why ``ppo.teacher`` cannot teach this task, and what would be right; None where it can.
+
+        Not checked when read: what was trained with a teacher may be tested where it could not be.
+        """
+        if self.ppo.teacher == "careful" and self.localization.kind == "perfect":
+            return (
+                "ppo.teacher careful goes by the belief's variances, and localization perfect has "
+                "none; take predictive, or localization.kind: amcl"
+            )
+        turns = self.task.angular_velocities
+        if self.ppo.teacher and self.imitation.mirror and {-w for w in turns} != set(turns):
+            return (
+                "imitation.mirror needs task.angular_velocities that go as far left as right; make "
+                "them so, or set imitation.mirror: false"
+            )
+        return None
 
     @property
     def steps_limit(self) -> int:

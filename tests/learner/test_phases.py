@@ -10,6 +10,7 @@ import pytest
 from actors.actor import Actor
 from learner.learner import Learner
 from learner.status import snapshot
+from lndrl.errors import UserError
 from lndrl.policy import Guidance
 from lndrl.transport import MemoryNetwork
 from lndrl.transport.status import parse_status
@@ -97,3 +98,15 @@ def test_a_run_without_a_teacher_speaks_of_no_phase(tmp_path: Path) -> None:
         assert not [event for event in learner.events.recent() if event["kind"] == "phase"]
     finally:
         learner.close()
+
+
+def test_a_teacher_that_cannot_teach_the_task_leaves_no_folder(config, tmp_path: Path) -> None:
+    blind = config.model_copy(
+        update={
+            "ppo": config.ppo.model_copy(update={"teacher": "careful"}),
+            "localization": config.localization.model_copy(update={"kind": "perfect"}),
+        }
+    )
+    with pytest.raises(UserError, match="careful goes by the belief's variances"):
+        Learner(blind, tmp_path / "run", MemoryNetwork().learner(), quiet=True)
+    assert not (tmp_path / "run").exists()

@@ -386,10 +386,12 @@ def test_a_record_from_before_a_key_keeps_what_was_so_before(tmp_path: Path) -> 
 
 
 def test_a_teacher_that_the_task_cannot_serve() -> None:
-    with pytest.raises(UserError, match="careful goes by the belief's variances"):
-        load_config("lndrl", ["ppo.teacher=careful", "localization.kind=perfect"])
-    load_config("lndrl", ["ppo.teacher=predictive", "localization.kind=perfect"])
+    perfect = load_config("lndrl", ["ppo.teacher=careful", "localization.kind=perfect"])
+    assert "careful goes by the belief's variances" in str(perfect.teacher_misfit())
+    for teacher in ("predictive", "null"):
+        fine = load_config("lndrl", [f"ppo.teacher={teacher}", "localization.kind=perfect"])
+        assert fine.teacher_misfit() is None
     with pytest.raises(UserError, match=r"ppo\.teacher.*'predictive' or 'careful'"):
         load_config("lndrl", ["ppo.teacher=dwa"])
     with pytest.raises(UserError, match=r"drive_steps 50,000 must not exceed imitation\.steps"):
-        load_config("lndrl", ["imitation.drive_steps=50000"])
+        load_config("lndrl", ["imitation.drive_steps=50000", "imitation.steps=40960"])
