@@ -68,8 +68,6 @@ class Learner:
         quiet: bool = False,
     ) -> None:
         keep_freed_memory()
-        if misfit := config.teacher_misfit():
-            raise UserError(misfit)
         self.config = config
         self.endpoint = endpoint
         self.ppo = PPO(config)

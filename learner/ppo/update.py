@@ -27,6 +27,7 @@ from learner.ppo.schedules import entropy_weight
 from learner.ppo.stage import IMITATION, Stage
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
+from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 from lndrl.policy import (
     Network,
@@ -60,10 +61,12 @@ class PPO:
         rng: order of the minibatches; part of a checkpoint.
         device, precision: where the networks are, and the dtype of their products.
 
-    Raises UserError when the device is not there.
+    Raises UserError when the device is not there, and for a teacher that cannot teach the task.
     """
 
     def __init__(self, config: RunConfig, dense: bool = False) -> None:
+        if misfit := config.teacher_misfit():
+            raise UserError(misfit)
         self.config = config
         self.device = resolve_device(config.learner.device)
         self.precision = _precision(config.learner.precision, self.device)
