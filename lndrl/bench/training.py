@@ -17,7 +17,7 @@ from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.evaluation.sweep.processes import RealProcess, this_program
 from lndrl.machine.ports import free_port
 
-CONFIG = REPOSITORY_CONFIGS / "lndrl.yaml"
+CONFIG = REPOSITORY_CONFIGS / "reward_alone.yaml"
 WARM_UPDATES = 2
 """Updates that are not counted: compilation, first episodes."""
 
@@ -29,7 +29,7 @@ Rows = Sequence[dict[str, Any]]
 
 
 class Training:
-    """``lndrl train configs/lndrl.yaml``, 4 epochs, in ``folder``; a context that ends it.
+    """``lndrl train configs/reward_alone.yaml``, 4 epochs, in ``folder``; a context that ends it.
 
     Leads a session of its own, so that it can be paused and ended together with its actors.
     ``name`` is the benchmark's, for its errors; ``more`` goes to the command line.
