@@ -39,7 +39,8 @@ class Training:
         self.name, self.folder = name, folder / "runs/bench"
         command = [sys.executable, "-m", "lndrl", "train", str(CONFIG), "--run", "bench"]
         command += ["--no-dashboard", "--listen", f"{scheme}/127.0.0.1:{free_port()}"]
-        command += ["--set", f"ppo.epochs={_EPOCHS}", *more]
+        command += ["--set", f"ppo.epochs={_EPOCHS}", "--set", "learner.validation_episodes=0"]
+        command += more
         self._began = time.monotonic()
         with (folder / "log").open("wb") as log:
             self._process = subprocess.Popen(

@@ -30,7 +30,15 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         (
             "configuration",
-            {"lndrl", "paper", "drl_laser", "drl_laser_ped", "no_reward", "no_variance"},
+            {
+                "lndrl",
+                "paper",
+                "drl_laser",
+                "drl_laser_ped",
+                "no_reward",
+                "no_variance",
+                "reward_alone",
+            },
         ),
         ("scenario", {"hybrid", "sparse", "corridor", "hall", "irregular", "random", "office"}),
         ("sweep", {"ppo", "later", "smoke"}),
