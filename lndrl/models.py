@@ -19,6 +19,9 @@ MOST = 2**53
 Count = Annotated[int, Field(ge=1, le=MOST)]
 Seconds = Annotated[float, Field(ge=0.001, le=86_400)]
 """A duration: from a millisecond, the shortest that networks can be told, to a day."""
+TEMPERATURES = (0.01, 100.0)
+"""Of sampling, least and most; below, it is greedy for all that float32 can tell."""
+Temperature = Annotated[float, Field(ge=TEMPERATURES[0], le=TEMPERATURES[1])]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 
 _TURN = 2.0 * math.pi * 1.001  # rad; with room for those who round

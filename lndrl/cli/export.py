@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 def export(
     policy: Annotated[
         str,
-        typer.Argument(metavar="RUN_OR_WEIGHTS", help="Run folder, checkpoint or weights file."),
+        typer.Argument(
+            metavar="RUN_OR_WEIGHTS", help="Run folder, checkpoint, weights file or 'shipped'."
+        ),
     ],
     out: Annotated[
         Path,
@@ -92,6 +94,8 @@ def _words(out: Path, exported: Exported) -> str:
 
     said, trip = exported.contract["policy"], exported.trip
     steps = "" if said["steps"] is None else f" after {said['steps']:,} steps"
+    if said["temperature"] != 1.0:
+        steps += f", at temperature {said['temperature']:g}"
     onnx, lndrl = exported.rates
     return (
         f"{out}: the policy{steps}, {len(exported.model) / 1e6:.1f} MB, opset "

@@ -28,6 +28,7 @@ from lndrl.machine.signals import stop_handler
 # What `lndrl --help` shows; the rest of a command is imported only when it is called, because
 # torch and numba take seconds.
 SUMMARIES = {
+    "demo": "Let the policy that comes with the program walk through a crowd.",
     "train": "Train a policy on this machine: one learner and its actors.",
     "train-all": "Train every learned method of the bench, one after another.",
     "learner": "Run only the learner; actors connect to it from anywhere.",
@@ -44,6 +45,7 @@ SUMMARIES = {
     "export": "Write a policy as an ONNX file that runs without lndrl, and its contract.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
+    "ship": "For maintainers: put a policy into the package, and write its model card.",
     "config": "Show, compare and explain configurations.",
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
@@ -56,6 +58,7 @@ SUMMARIES = {
 ROOMS = {
     "training": ("train", "train-all", "sweep", "curves"),
     "evaluation": (
+        "demo",
         "evaluate",
         "benchmark",
         "calibrate",
@@ -64,6 +67,7 @@ ROOMS = {
         "lost",
         "play",
         "scenarios",
+        "ship",
     ),
     "fleet": ("learner", "actor", "evaluator", "dashboard", "certs", "doctor", "chaos"),
 }

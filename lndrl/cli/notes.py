@@ -16,7 +16,15 @@ def say_notes(notes: Iterable[str]) -> None:
         print(f"note: {note}", file=sys.stderr)
 
 
-def say_origins(sources: Iterable[PlannerSource]) -> None:
-    """Say of each policy of a run which of its checkpoints it is, a line each."""
-    for line in dict.fromkeys(f"{each.name}: {each.origin}" for each in sources if each.origin):
-        print(line, file=sys.stderr)
+def say_origins(sources: Iterable[PlannerSource], greedy: bool = False) -> None:
+    """Say of each policy where it comes from, and what it is sampled at unless that is 1."""
+    for line in dict.fromkeys(_origin(each, greedy) for each in sources):
+        if line:
+            print(line, file=sys.stderr)
+
+
+def _origin(source: PlannerSource, greedy: bool) -> str:
+    said = [source.origin] if source.origin else []
+    if source.temperature != 1.0 and not greedy:
+        said.append(f"sampled at temperature {source.temperature:g}")
+    return f"{source.name}: {', '.join(said)}" if said else ""

@@ -14,7 +14,7 @@ from lndrl.cli.completion import complete_configuration, complete_scenario, comp
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
-    from lndrl.planners import PlannerSource
+    from lndrl.planners import PlannerSource, ShieldConfig
 
 ConfigName = Annotated[
     str | None,
@@ -120,6 +120,22 @@ PlannerSettings = Annotated[
         "--planner-set",
         metavar="KEY=VALUE",
         help="A setting of a planner of your own, or a parameter of a rule; can be repeated.",
+        show_default=False,
+    ),
+]
+ShieldOption = Annotated[
+    bool,
+    typer.Option(
+        "--shield",
+        help="Veto what would touch somebody soon and take a policy's next best instead.",
+    ),
+]
+ShieldSettings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--shield-set",
+        metavar="KEY=VALUE",
+        help="A parameter of the shield, e.g. horizon=0.8; can be repeated.",
         show_default=False,
     ),
 ]
@@ -275,9 +291,25 @@ def of_run(planner: str, checkpoint: str | None, planners: Sequence[str]) -> str
     """
     if checkpoint is None:
         return None
-    runs = [each for each in planners if Path(each, "checkpoints").is_dir()]
+    from lndrl.config.shipped import SHIPPED_POLICY  # brings pydantic along
+
+    runs = [
+        each for each in planners if each != SHIPPED_POLICY and Path(each, "checkpoints").is_dir()
+    ]
     if not runs:
         raise UserError(
             f"--checkpoint {checkpoint} goes with a run folder, and {', '.join(planners)} is none"
         )
     return checkpoint if planner in runs else None
+
+
+def shield_config(wanted: bool, settings: list[str] | None) -> ShieldConfig | None:
+    """The shield that ``--shield`` and ``--shield-set`` ask for; raises UserError."""
+    if not wanted:
+        if settings:
+            raise UserError("--shield-set goes with --shield")
+        return None
+    from lndrl.models import validate
+    from lndrl.planners import ShieldConfig
+
+    return validate(ShieldConfig, part_settings(settings, "--shield-set"), "--shield-set")

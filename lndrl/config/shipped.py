@@ -14,6 +14,9 @@ _HERE = Path(__file__).resolve().parent
 _IN_WHEEL = _HERE.parent / "configs"
 REPOSITORY_CONFIGS = _IN_WHEEL if _IN_WHEEL.is_dir() else _HERE.parent.parent / "configs"
 
+SHIPPED_POLICY = "shipped"
+"""The name of the policy that comes with the program, wherever a run folder is taken."""
+
 Kind = Literal["configuration", "scenario", "sweep", "bench", "calibration"]
 PLACES: dict[Kind, str] = {
     "configuration": "*.yaml",

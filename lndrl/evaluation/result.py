@@ -21,7 +21,9 @@ class EvaluationResult:
     """One planner on one scenario; ``records`` are in the order of the episodes.
 
     ``actions`` of a policy were sampled or greedy; those of a floor follow its rule.
-    ``temperature`` is that of sampled ones. ``own_metrics`` are figures of the user's own by name.
+    ``temperature`` is that of sampled ones. ``own_metrics`` are figures of the user's own by name;
+    ``vetoes`` are the control steps in which a shield took another action than the policy's, None
+    without one.
     """
 
     planner: str
@@ -34,6 +36,7 @@ class EvaluationResult:
     records: tuple[EpisodeRecord, ...]
     own_metrics: Mapping[str, float | None] = field(default_factory=dict)
     temperature: float = 1.0
+    vetoes: int | None = None
 
     @cached_property
     def metrics(self) -> Metrics:
@@ -42,7 +45,9 @@ class EvaluationResult:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types for JSON: provenance, ``metrics``, and ``records`` in episode order."""
-        own = {"own_metrics": dict(self.own_metrics)} if self.own_metrics else {}
+        own: dict[str, Any] = {"own_metrics": dict(self.own_metrics)} if self.own_metrics else {}
+        if self.vetoes is not None:
+            own["vetoes"] = self.vetoes
         warmth = {} if self.temperature == 1.0 else {"temperature": self.temperature}
         return {
             "program_version": self.program_version,
@@ -80,6 +85,7 @@ class EvaluationResult:
                     for name, value in data.get("own_metrics", {}).items()
                 },
                 temperature=float(data.get("temperature", 1.0)),
+                vetoes=None if data.get("vetoes") is None else int(data["vetoes"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise UserError(

@@ -13,7 +13,7 @@ from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.result import EvaluationResult
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.families import Family
-from lndrl.planners import PlannerSource, planner_source
+from lndrl.planners import PlannerSource, ShieldedPlanner, planner_source
 from lndrl.version import VERSION
 
 BLOCK = 8
@@ -67,26 +67,32 @@ def evaluate(
     config = config.model_copy(update={"seed": seed})
     blocks = [range(first, min(first + BLOCK, episodes)) for first in range(0, episodes, BLOCK)]
     records: list[EpisodeRecord] = []
+    vetoes: dict[int, int] = {}
     results = run_tasks(_make_work, (source, config, greedy), blocks, min(workers, len(blocks)))
     with _same_threads_after(source), closing(results):
-        for record in results:
+        for record, vetoed in results:
             records.append(record)
+            vetoes[record.world] = vetoed
             if progress is not None:
                 progress(record)
     records.sort(key=lambda record: record.world)
     assert [Family.VALIDATION.episode(each.world) for each in records] == list(range(episodes))
-    return result_of(source, config, greedy, records)
+    return result_of(source, config, greedy, records, sum(vetoes.values()))
 
 
 def result_of(
-    source: PlannerSource, config: RunConfig, greedy: bool, records: Sequence[EpisodeRecord]
+    source: PlannerSource,
+    config: RunConfig,
+    greedy: bool,
+    records: Sequence[EpisodeRecord],
+    vetoes: int | None = None,
 ) -> EvaluationResult:
     """The result of ``records``, which may be some of those that were asked for.
 
-    ``config`` has the seed of the episodes.
+    ``config`` has the seed of the episodes; ``vetoes`` are a shield's, where they are known.
     """
     return EvaluationResult(
-        planner=source.name,
+        planner=source.title,
         scenario=config.scenario.name,
         localization=config.localization.kind,
         actions="rule" if source.weights is None else "greedy" if greedy else "sampled",
@@ -95,6 +101,7 @@ def result_of(
         program_version=VERSION,
         records=tuple(sorted(records, key=lambda record: record.world)),
         temperature=1.0 if greedy else source.temperature,
+        vetoes=None if source.shield is None else vetoes,
     )
 
 
@@ -104,7 +111,21 @@ def _make_work(source: PlannerSource, config: RunConfig, greedy: bool) -> Work:
 
         # Workers share the cores by being many, and sums rounded alike need as many threads.
         torch.set_num_threads(1)
-    return EpisodeRunner(source, config, greedy, Family.VALIDATION)
+    return _Counting(EpisodeRunner(source, config, greedy, Family.VALIDATION))
+
+
+class _Counting:
+    """Runs episodes; with each record comes in how many of its steps a shield has vetoed."""
+
+    def __init__(self, runner: EpisodeRunner) -> None:
+        self._runner = runner
+
+    def __call__(self, episodes: Sequence[int]) -> Iterator[tuple[EpisodeRecord, int]]:
+        planner, family = self._runner.planner, self._runner.family
+        rows = {family.world(k): row for row, k in enumerate(episodes)}
+        for record in self._runner(episodes):
+            row = rows[record.world]
+            yield record, int(planner.vetoes[row]) if isinstance(planner, ShieldedPlanner) else 0
 
 
 @contextmanager

@@ -55,6 +55,11 @@ def result_table(result: EvaluationResult, asked: int | None = None) -> Table:
         table.add_row(
             long, _number(spread.mean), _number(spread.deviation), "", str(spread.episodes)
         )
+    if result.vetoes is not None:
+        steps = sum(record.steps for record in result.records)
+        share = result.vetoes / max(steps, 1)
+        counts = f"{result.vetoes:,} of {steps:,} steps"
+        table.add_row("vetoed by the shield", _number(share), "", counts, "")
     for name, value in result.own_metrics.items():
         table.add_row(name, _number(value), "", "", "")
     return table

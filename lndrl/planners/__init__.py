@@ -6,6 +6,7 @@ from lndrl.planners.careful_map import CarefulMapConfig, CarefulMapPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.factory import (
     PlannerSource,
+    has_weights,
     is_own_planner,
     is_rule,
     make_planner,
@@ -15,6 +16,7 @@ from lndrl.planners.factory import (
 )
 from lndrl.planners.interface import MapPlanner, Planner, episode_generator
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
+from lndrl.planners.shield import ShieldConfig, ShieldedPlanner
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 __all__ = [
@@ -30,9 +32,12 @@ __all__ = [
     "PredictiveConfig",
     "PredictivePlanner",
     "RandomPlanner",
+    "ShieldConfig",
+    "ShieldedPlanner",
     "StraightPlanner",
     "behaviour_hash",
     "episode_generator",
+    "has_weights",
     "is_own_planner",
     "is_rule",
     "make_planner",

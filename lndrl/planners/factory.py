@@ -7,15 +7,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from lndrl.config import RunConfig
+from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, installed, is_own
-from lndrl.models import Model, validate
+from lndrl.models import TEMPERATURES, Model, validate
 from lndrl.planners.careful import CarefulConfig, CarefulPlanner
 from lndrl.planners.careful_map import CarefulMapConfig, CarefulMapPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.own import OwnPlanner
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
+from lndrl.planners.shield import ShieldConfig, ShieldedPlanner, check_shield
 from lndrl.planners.simple import RandomPlanner, StraightPlanner
 
 RULES: dict[str, Callable[..., Planner]] = {
@@ -38,10 +40,6 @@ PARAMETERS: dict[str, type[Model]] = {
 """What can be set of a rule; the others have nothing to set."""
 
 
-TEMPERATURES = (0.01, 100.0)
-"""Least and most; below, sampling is greedy for all that float32 can tell."""
-
-
 @dataclass(frozen=True)
 class PlannerSource:
     """Everything that a planner is built from; picklable, so that workers build the same one.
@@ -51,7 +49,8 @@ class PlannerSource:
     PARAMETERS, where they are not the defaults. ``own``: the name is that of a user's class, which
     gets ``settings``; it is imported where it is built, not before. ``temperature`` is that of a
     policy whose actions are sampled, see ``PolicyPlanner``. ``origin``: which policy of a run it
-    is, see ``PolicyFile``.
+    is, see ``PolicyFile``. ``shield``: what keeps a policy from touching people, None for a policy
+    on its own.
     """
 
     name: str
@@ -62,6 +61,7 @@ class PlannerSource:
     settings: PartSettings = field(default_factory=dict)
     temperature: float = 1.0
     origin: str = ""
+    shield: ShieldConfig | None = None
 
     def at_temperature(self, temperature: float) -> PlannerSource:
         """The same, sampled at ``temperature``; raises UserError where that is none, or there is
@@ -78,14 +78,20 @@ class PlannerSource:
         return replace(self, temperature=temperature)
 
     @property
+    def title(self) -> str:
+        """What it is called where people read it: its name, and whether it has a shield."""
+        return self.name if self.shield is None else f"{self.name}+shield"
+
+    @property
     def label(self) -> str:
         """A short name, fit for a file's."""
         if self.own:
             return self.name.rpartition(":")[2]
-        if self.weights is None:
-            return self.name
+        shielded = "" if self.shield is None else "+shield"
+        if self.weights is None or self.name == SHIPPED_POLICY:
+            return f"{self.name}{shielded}"
         path = Path(self.name).resolve()
-        return path.name if path.is_dir() else path.parent.name
+        return f"{path.name if path.is_dir() else path.parent.name}{shielded}"
 
     def build(self, config: RunConfig, greedy: bool = False) -> Planner:
         """The planner for episodes under ``config``.
@@ -106,20 +112,31 @@ class PlannerSource:
         if self.config is not None:
             check_layout(self.name, self.config, config)
 
-        return PolicyPlanner.load(self.name, config, self.weights, greedy, self.temperature)
+        planner = PolicyPlanner.load(self.name, config, self.weights, greedy, self.temperature)
+        return planner if self.shield is None else ShieldedPlanner(planner, config, self.shield)
 
 
 def planner_source(
-    spec: str, settings: PartSettings | None = None, checkpoint: str | None = None
+    spec: str,
+    settings: PartSettings | None = None,
+    *,
+    checkpoint: str | None = None,
+    shield: ShieldConfig | None = None,
 ) -> PlannerSource:
     """Find a rule, a run folder, a weights file, or name a class of one's own (not yet imported).
 
-    ``settings`` go to such a class, or are parameters of a rule; ``checkpoint`` is which one of a
-    run, by default the best validated one, else the newest. Raises UserError when ``spec`` is
-    none of them, weights cannot be read, a rule has no such parameter, or there are settings for
-    what takes none.
+    ``shipped`` is the policy that comes with the program. ``settings`` go to such a class, or are
+    parameters of a rule; ``checkpoint`` is which one of a run, by default the best validated one,
+    else the newest; ``shield`` goes with a policy, which is sampled at the temperature that its
+    file says. Raises UserError when ``spec`` is none of them, weights cannot be read, a rule has no
+    such parameter, there are settings for what takes none, or a shield for what ranks no actions or
+    sees no people.
     """
-    path = Path(spec)
+    if shield is not None and is_rule(spec):
+        raise UserError(
+            f"{spec}: ranks no actions that a shield could choose among; it goes with policies: "
+            f"{SHIPPED_POLICY}, a run folder or a weights file"
+        )
     if is_own_planner(spec):
         return PlannerSource(spec, own=True, settings=settings or {})
     if settings and not takes_settings(spec):
@@ -135,15 +152,25 @@ def planner_source(
         raise UserError(
             f"{spec}: is a path here and an installed planner; write ./{spec} or module:Class"
         )
-    if not path.exists():
+    if not has_weights(spec):
         raise UserError(
-            f"{spec}: no such run folder or weights file; give one, {' or '.join(planner_names())},"
-            " or module:Class for a planner of your own"
+            f"{spec}: no such run folder or weights file; give one, {SHIPPED_POLICY}, "
+            f"{' or '.join(planner_names())}, or module:Class for a planner of your own"
         )
     from lndrl.policy import read_policy  # torch: takes seconds, and rules need none of it
 
-    found = read_policy(path, checkpoint)
-    return PlannerSource(spec, found.config, found.weights, origin=found.origin)
+    found = read_policy(spec, checkpoint)
+    if shield is not None:
+        check_shield(spec, found.config)
+    return PlannerSource(
+        spec, found.config, found.weights,
+        temperature=found.temperature, origin=found.origin, shield=shield,
+    )  # fmt: skip
+
+
+def has_weights(planner: str) -> bool:
+    """Whether there is something to load a policy from under the name or path ``planner``."""
+    return planner == SHIPPED_POLICY or Path(planner).exists()
 
 
 def planner_names() -> tuple[str, ...]:
@@ -153,7 +180,7 @@ def planner_names() -> tuple[str, ...]:
 
 def is_own_planner(planner: str) -> bool:
     """Whether ``planner`` names a class of a user's own."""
-    if planner in RULES:
+    if planner in RULES or planner == SHIPPED_POLICY:
         return False
     return is_own(planner) or (planner in installed(PLANNER) and not Path(planner).exists())
 

@@ -60,10 +60,18 @@ class PolicyPlanner:
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``."""
+        return self._actions[self.scores(observation, rows).argmax(axis=1)]
+
+    def scores(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.floating]:
+        """Scores (B, A) of the actions, of which ``act`` takes the one with the largest.
+
+        Log-probabilities at the temperature but for a constant, with this step's noise, or as they
+        are when ``greedy``: in their order actions are drawn without putting back. Every call draws
+        anew.
+        """
         scores: NDArray[np.floating] = self._runner.log_probabilities(observation)
         if not self.greedy:
             # Gumbel trick: the largest of log p + noise is a draw from p.
-            scores = scores / self.temperature + [
-                self._generators[row].gumbel(size=scores.shape[1]) for row in rows
-            ]
-        return self._actions[scores.argmax(axis=1)]
+            noise = [self._generators[row].gumbel(size=scores.shape[1]) for row in rows]
+            scores = scores / self.temperature + noise
+        return scores

@@ -15,7 +15,7 @@ from lndrl.navigation.terms import as_tested
 from lndrl.policy.inputs import Inputs, pooling_factor, supports_sparse
 from lndrl.policy.networks import build_policy
 from lndrl.policy.structure import MapStructure, drawn_structure
-from lndrl.policy.weights import load_into
+from lndrl.policy.weights import driven_at, load_into
 from lndrl.policy.weights import load_policy as read_policy
 
 Observations = Mapping[str, NDArray[np.floating]]
@@ -27,12 +27,14 @@ class TrainedPolicy:
     Computes what ``PolicyRunner`` computes for the same moment, from the drawn pedestrian map
     where that one has the people. ``config`` is what the policy was trained under, without reward
     terms of one's own: what an environment must have for its observations to mean the same.
-    ``seed`` starts the draws.
+    ``temperature`` is what the weights say they are meant to be sampled at, else 1. ``seed`` starts
+    the draws.
     """
 
     def __init__(self, config: RunConfig, weights: bytes, seed: int | None = None) -> None:
         """Raises UserError when ``weights`` do not fit the network of ``config``."""
         self.config = as_tested(config)
+        self.temperature = driven_at(weights)
         self._network = build_policy(config).requires_grad_(False).eval()
         load_into(self._network, weights, config=config)
         self._sparse = supports_sparse(config)
@@ -47,23 +49,27 @@ class TrainedPolicy:
         }
 
     def act(
-        self, observation: Observations, greedy: bool = False, temperature: float = 1.0
+        self, observation: Observations, greedy: bool = False, temperature: float | None = None
     ) -> np.int64 | NDArray[np.int64]:
         """An action number for one observation, (B,) of them for a batch.
 
-        Drawn as in training, or the likeliest when ``greedy``; a ``temperature`` below 1 prefers
-        the likelier ones. Raises ValueError for arrays of
-        other shapes than an environment of ``config`` has.
+        Drawn at ``temperature``, by default the policy's own, or the likeliest when ``greedy``: 1
+        is as in training, below prefers the likelier ones. Raises ValueError for arrays of other
+        shapes than an environment of ``config`` has.
         """
         scores: NDArray[np.floating] = self.log_probabilities(observation)
         if not greedy:
             # Gumbel trick: the largest of log p + noise is a draw from p.
-            scores = scores / temperature + self._generator.gumbel(size=scores.shape)
+            warmth = self.temperature if temperature is None else temperature
+            scores = scores / warmth + self._generator.gumbel(size=scores.shape)
         action: np.int64 | NDArray[np.int64] = scores.argmax(axis=-1)
         return action
 
     def log_probabilities(self, observation: Observations) -> NDArray[np.float32]:
-        """Log-probabilities (actions,) for one observation, (B, actions) for a batch."""
+        """Log-probabilities (actions,) for one observation, (B, actions) for a batch.
+
+        They are the network's, at temperature 1.
+        """
         lead, arrays = self._checked(observation)
         with torch.inference_mode():
             logits = self._network(self._inputs(arrays))
@@ -108,6 +114,8 @@ class TrainedPolicy:
 
 def load_policy(path: Path | str, seed: int | None = None) -> TrainedPolicy:
     """The policy of a run folder (the best validated one, else the newest), or of a policy file.
+
+    ``shipped`` is the one that comes with the program.
 
     Raises UserError naming the path when nothing usable is there.
     """

@@ -10,7 +10,9 @@ from lndrl.policy.layout import check_layout
 from lndrl.policy.networks import NavigationNetwork, Network, build_policy, build_value
 from lndrl.policy.weights import (
     POLICY_FILE,
+    TEMPERATURE_KEY,
     Guidance,
+    driven_at,
     initial_weights,
     load_into,
     load_policy,
@@ -22,6 +24,7 @@ from lndrl.policy.weights import (
 __all__ = [
     "EAGER_RUNS",
     "POLICY_FILE",
+    "TEMPERATURE_KEY",
     "CompactObservation",
     "FirstLayer",
     "Guidance",
@@ -32,6 +35,7 @@ __all__ = [
     "Record",
     "build_policy",
     "build_value",
+    "driven_at",
     "first_layer",
     "check_layout",
     "initial_weights",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,16 +15,22 @@ from safetensors.torch import save as save_tensors
 from torch import Tensor, nn
 
 from lndrl.config import RunConfig, parse_config
+from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
+from lndrl.models import TEMPERATURES
 from lndrl.numbering import BEST, checkpoints_in
-from lndrl.policy.layout import CONFIG_KEY, explain_misfit
+from lndrl.policy.layout import CONFIG_KEY, explain_misfit, said_inside
 from lndrl.policy.networks import build_policy
+from lndrl.policy.shipped import SHIPPED_FILE, metadata_in, widened
+from lndrl.version import VERSION
 
 POLICY_FILE = "policy.safetensors"
 NEWEST = "newest"
 VALIDATED_KEY = "lndrl.validated"
 """Entry of a policy file's metadata: counts of validation episodes that it was chosen by, JSON."""
 GUIDANCE_KEY = "lndrl.guidance"
+TEMPERATURE_KEY = "lndrl.temperature"
+"""Entry of a policy file's metadata: what its actions are meant to be sampled at."""
 
 
 @dataclass(frozen=True)
@@ -132,13 +139,15 @@ def policy_metadata(config: RunConfig, version: int, steps: int) -> dict[str, st
 class PolicyFile:
     """Weights, the configuration that they were trained under, and where they come from.
 
-    ``origin`` says of a run's policy which it is, e.g. "newest checkpoint, step 81,920"; empty for
-    a file that the user has named.
+    ``origin`` says which it is: of a run's policy e.g. "newest checkpoint, step 81,920", of the
+    shipped one that it is; empty for a file that the user has named. ``temperature``: what its
+    actions are meant to be sampled at, see ``driven_at``.
     """
 
     config: RunConfig
     weights: bytes
     origin: str = ""
+    temperature: float = 1.0
 
 
 def load_policy(path: Path | str) -> tuple[RunConfig, bytes]:
@@ -150,10 +159,18 @@ def load_policy(path: Path | str) -> tuple[RunConfig, bytes]:
 def read_policy(path: Path | str, checkpoint: str | None = None) -> PolicyFile:
     """A policy file, or the policy of a run folder: the best validated one, else the newest.
 
-    ``checkpoint`` names another of the run: newest, best or step-000081920. Raises UserError naming
-    the path when nothing usable is there.
+    ``checkpoint`` names another of the run: newest, best or step-000081920. ``shipped`` is the
+    policy that comes with the program; a folder of that name is ``./shipped`` as text, or its whole
+    path. What a file has in half precision comes as float32. Raises UserError naming the path when
+    nothing usable is there, and for a checkpoint of what is no run.
     """
-    file = _policy_file(Path(path), checkpoint)
+    named = path in (SHIPPED_POLICY, Path(SHIPPED_POLICY))
+    if named and checkpoint is not None:
+        raise UserError(
+            f"{SHIPPED_POLICY}: is one policy, which has no checkpoint {checkpoint}; a folder of "
+            f"that name is ./{SHIPPED_POLICY}"
+        )
+    file = SHIPPED_FILE if named else _policy_file(Path(path), checkpoint)
     blob = _read(file)
     metadata = _metadata(file, blob)
     if CONFIG_KEY not in metadata:
@@ -163,21 +180,55 @@ def read_policy(path: Path | str, checkpoint: str | None = None) -> PolicyFile:
     except (ValueError, RecursionError):
         raise UserError(f"{file}: the configuration inside is damaged") from None
     config = parse_config(data, f"{file} (configuration)")
-    origin = "" if file.parent.parent.name != "checkpoints" else _origin(file, metadata)
-    return PolicyFile(config, blob, origin)
+    origin = ""
+    if named:
+        origin = f"the policy that comes with lndrl {VERSION}{_trained(metadata)}"
+    elif file.parent.parent.name == "checkpoints":
+        origin = _origin(file, metadata)
+    return PolicyFile(config, widened(blob, metadata), origin, _temperature(metadata, str(file)))
+
+
+def driven_at(weights: bytes, where: str = "weights") -> float:
+    """The temperature that a policy is meant to be sampled at: what its metadata say, else 1.
+
+    Raises UserError for one that is none.
+    """
+    try:
+        metadata = said_inside(weights)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return 1.0
+    return _temperature(metadata, where)
+
+
+def _temperature(metadata: Mapping[str, str], where: str) -> float:
+    least, most = TEMPERATURES
+    said = metadata.get(TEMPERATURE_KEY, "1")
+    try:
+        temperature = float(said)
+        if not least <= temperature <= most:
+            raise ValueError
+    except ValueError:
+        raise UserError(
+            f"{where}: {TEMPERATURE_KEY} is {said!r} inside, and must be from {least:g} to {most:g}"
+        ) from None
+    return temperature
 
 
 def _metadata(file: Path, blob: bytes) -> dict[str, str]:
-    """What a blob says of itself: its head's length in 8 bytes, then the head as JSON.
+    """What a blob says of itself.
 
     From the blob, not from the file: a run that goes on may have put another in its place.
     """
     try:
         load_tensors(blob)
-        head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
+        return metadata_in(blob)
     except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise UserError(f"{file}: not a safetensors file ({error})") from None
-    return head.get("__metadata__") or {}
+
+
+def _trained(metadata: Mapping[str, str]) -> str:
+    steps = metadata.get("lndrl.steps", "")
+    return f", trained for {int(steps):,} steps" if steps.isdecimal() else ""
 
 
 def _origin(file: Path, metadata: dict[str, str]) -> str:

@@ -107,7 +107,7 @@ def benchmark(
     found, missing = contenders(bench, chosen, localization, greedy, file.parent)
     if missing:
         typer.echo(f"without weights, left out: {', '.join(missing)}", err=True)
-    say_origins(contender.source for contender in found)
+    say_origins([contender.source for contender in found], greedy)
     plan = Plan(folder, found, places, count, bench.seed, bench.changes, version=bench.version)
     check_frozen(bench, plan.identity.scenarios)
     with folder.locked():

@@ -17,12 +17,15 @@ from lndrl.cli.options import (
     BenchName,
     PlannerSettings,
     ScenarioName,
+    ShieldOption,
+    ShieldSettings,
     Temperature,
     TrustModules,
     WhichCheckpoint,
     of_run,
     part_settings,
     sampled,
+    shield_config,
     trust,
 )
 from lndrl.cli.signals import say
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
     from lndrl.evaluation import EvaluationResult
     from lndrl.evaluation.benchmark import BenchmarkSpec
     from lndrl.navigation import EpisodeRecord
-    from lndrl.planners import PlannerSource
+    from lndrl.planners import PlannerSource, ShieldConfig
 
 Localization = Literal["amcl", "perfect"]
 
@@ -44,8 +47,8 @@ def evaluate(
         list[str],
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive', 'careful',"
-            " 'careful+map' or module:Class; several are compared.",
+            help="Run folder, weights file, 'shipped', 'random', 'straight', 'dwa', 'predictive',"
+            " 'careful', 'careful+map' or module:Class; several are compared.",
         ),
     ],
     scenario: ScenarioName = None,
@@ -83,6 +86,8 @@ def evaluate(
         ),
     ] = None,
     planner_set: PlannerSettings = None,
+    shield: ShieldOption = False,
+    shield_set: ShieldSettings = None,
     trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="Metrics and episodes as JSON.")] = False,
 ) -> None:
@@ -93,6 +98,7 @@ def evaluate(
     _check(episodes, seed, workers, bench, spec)
     trust(trust_modules)
     settings = part_settings(planner_set, "--planner-set")
+    guard = shield_config(shield, shield_set)
     from lndrl.evaluation import add_metrics, own_metrics
     from lndrl.planners import is_own_planner, is_rule, takes_settings
 
@@ -111,6 +117,8 @@ def evaluate(
             "--planner-set goes with a planner of your own, e.g. my_package:Planner, or with a rule"
             " that has parameters, e.g. predictive"
         )
+    # Rules beside a policy are there to compare with: they rank nothing and go without.
+    shielded = [each for each in planners if not is_rule(each)] or planners
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
     world = _World(scenario, localization, _bench(spec) if bench else None)
@@ -119,12 +127,13 @@ def evaluate(
             each,
             settings if each in takers else {},
             of_run(each, checkpoint, planners),
+            guard if each in shielded else None,
             temperature,
             greedy,
         )
         for each in planners
     ]
-    say_origins(sources)
+    say_origins(sources, greedy)
     works = [_Evaluation(source, world, episodes, seed, greedy) for source in sources]
     say_notes(note for work in works for note in work.config.scenario.map_notes)
     results: list[EvaluationResult] = []
@@ -151,13 +160,14 @@ def _source(
     planner: str,
     settings: dict[str, Any],
     checkpoint: str | None,
+    shield: ShieldConfig | None,
     temperature: float | None,
     greedy: bool,
 ) -> PlannerSource:
     """What ``planner`` names; a temperature is for policies, rules beside them have none."""
     from lndrl.planners import is_rule, planner_source
 
-    source = planner_source(planner, settings, checkpoint)
+    source = planner_source(planner, settings, checkpoint=checkpoint, shield=shield)
     return sampled(source, None if is_rule(planner) else temperature, greedy)
 
 
@@ -220,7 +230,7 @@ class _Evaluation:
         config = world.config_of(source)
         self.config = config.model_copy(update={"seed": seed})
         self.episodes, self.greedy = episodes, greedy
-        self.title = f"{Path(source.name).name} on {config.scenario.name}"
+        self.title = f"{Path(source.title).name} on {config.scenario.name}"
         self.records: list[EpisodeRecord] = []
 
     def run(self, workers: int) -> EvaluationResult:

@@ -12,6 +12,8 @@ from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
     PlannerSettings,
     ScenarioName,
+    ShieldOption,
+    ShieldSettings,
     Temperature,
     TrustModules,
     WhichCheckpoint,
@@ -19,6 +21,7 @@ from lndrl.cli.options import (
     of_run,
     part_settings,
     sampled,
+    shield_config,
     trust,
 )
 from lndrl.cli.signals import telling
@@ -35,8 +38,8 @@ def play(
         str,
         typer.Argument(
             metavar="RUN_OR_WEIGHTS",
-            help="Run folder, weights file, 'random', 'straight', 'dwa', 'predictive', 'careful',"
-            " 'careful+map' or module:Class.",
+            help="Run folder, weights file, 'shipped', 'random', 'straight', 'dwa', 'predictive',"
+            " 'careful', 'careful+map' or module:Class.",
         ),
     ],
     out: Annotated[
@@ -57,6 +60,8 @@ def play(
     temperature: Temperature = None,
     checkpoint: WhichCheckpoint = None,
     planner_set: PlannerSettings = None,
+    shield: ShieldOption = False,
+    shield_set: ShieldSettings = None,
     trust_modules: TrustModules = None,
 ) -> None:
     """Draw an episode of a policy as a picture or an animation."""
@@ -66,9 +71,10 @@ def play(
     from lndrl.planners import planner_source
 
     settings = part_settings(planner_set, "--planner-set")
-    source = planner_source(planner, settings, of_run(planner, checkpoint, [planner]))
+    which, guard = of_run(planner, checkpoint, [planner]), shield_config(shield, shield_set)
+    source = planner_source(planner, settings, checkpoint=which, shield=guard)
     source = sampled(source, temperature, greedy)
-    say_origins([source])
+    say_origins([source], greedy)
     config = settings_for(source, scenario).model_copy(update={"seed": seed})
     say_notes(config.scenario.map_notes)
     animated = out.suffix.lower() == ".gif"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from lndrl.evaluation.runner import BLOCK
 from lndrl.navigation import EpisodeRecord, Navigation, WorldSnapshot
 from lndrl.navigation.families import Family, episode_of
 from lndrl.navigation.reward import angle_error, position_error
-from lndrl.planners import is_rule, planner_source
+from lndrl.planners import has_weights, is_rule, planner_source
 from lndrl.world.contacts import Hit
 
 Floats = NDArray[np.float64]
@@ -199,7 +198,7 @@ def contender_named(spec: BenchmarkSpec, name: str, greedy: bool = False) -> Con
     Weights are called like their folder, a class of one's own like the class. Raises UserError for
     an unknown name, with near ones, and where there are no weights.
     """
-    if name not in spec.methods and (is_rule(name) or Path(name).exists()):
+    if name not in spec.methods and (is_rule(name) or has_weights(name)):
         source = planner_source(name)
         return Contender(source.label, source, "amcl", greedy)
     (found,), _ = contenders(spec, [name], greedy=greedy)

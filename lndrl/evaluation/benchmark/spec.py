@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,8 @@ from pydantic import Field, model_validator
 from lndrl.config import REPOSITORY_CONFIGS, RandomizeConfig, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
-from lndrl.models import Model, effective, load_yaml, validate
-from lndrl.planners import PlannerSource, is_rule, planner_source
+from lndrl.models import Model, Temperature, effective, load_yaml, validate
+from lndrl.planners import PlannerSource, ShieldConfig, has_weights, is_rule, planner_source
 
 Localization = Literal["amcl", "perfect"]
 BENCHMARK = REPOSITORY_CONFIGS / "benchmark.yaml"
@@ -25,18 +26,33 @@ KERNEL_REVISION = 1
 whoever changes them on purpose (tests hold stored episodes to it): what was measured before is then
 another bench's, though no key says so."""
 _BASE = REPOSITORY_CONFIGS / "lndrl.yaml"
+_POLICY = re.compile(r"[0-9a-f]{16}(?: at ([0-9.e+-]+))?(?: shield (\{.*\}))?")
 
 
 class Method(Model):
     """One row of the table."""
 
     planner: str = Field(
-        description="a rule such as dwa, a run folder, a weights file, or module:Class"
+        description="a rule such as dwa, a run folder, a weights file, shipped, or module:Class"
     )
     settings: PartSettings = Field(
         default_factory=dict, description="keyword arguments of a planner of your own"
     )
     localization: Localization = Field("amcl", description="perfect hands out the truth")
+    shield: bool | ShieldConfig = Field(
+        False, description="whether a policy's touches are vetoed, or by which parameters"
+    )
+
+    temperature: Temperature | None = Field(
+        None, description="of a policy's sampling; by default what its file says, or 1"
+    )
+
+    @property
+    def shielded(self) -> ShieldConfig | None:
+        """The shield of this row, None for none."""
+        if isinstance(self.shield, ShieldConfig):
+            return self.shield
+        return ShieldConfig() if self.shield else None
 
 
 class BenchmarkSpec(Model):
@@ -97,7 +113,8 @@ class BenchmarkSpec(Model):
 class Contender:
     """A method that can be tested: its planner has been found.
 
-    ``identity`` is the rule's name, the digest of the weights, or of the file of a user's class.
+    ``identity`` is the rule's name, the digest of the weights, or of the file of a user's class;
+    a policy's temperature and shield stand behind its digest, see ``policy_of``.
     """
 
     name: str
@@ -118,8 +135,16 @@ class Contender:
         if self.source.weights is None:
             return self.source.name
         digest = hashlib.sha256(self.source.weights).hexdigest()[:16]
-        temperature = self.source.temperature
-        return digest if temperature == 1.0 else f"{digest} at {temperature:g}"
+        if self.temperature != 1.0:
+            digest += f" at {self.temperature!r}"
+        if self.source.shield is not None:
+            digest += f" shield {self.source.shield.model_dump_json()}"
+        return digest
+
+    @property
+    def temperature(self) -> float:
+        """At which actions are sampled; 1 where they are not."""
+        return 1.0 if self.greedy else self.source.temperature
 
     @property
     def actions(self) -> str:
@@ -127,6 +152,21 @@ class Contender:
         if self.source.weights is None:
             return "rule"
         return "greedy" if self.greedy else "sampled"
+
+
+def policy_of(identity: str) -> tuple[float | None, ShieldConfig | None]:
+    """Temperature and shield that a policy's ``Contender.identity`` names; None where it does not.
+
+    Raises UserError for a shield of other parameters than there are.
+    """
+    found = _POLICY.fullmatch(identity)
+    if found is None:
+        return None, None
+    temperature = None if found[1] is None else float(found[1])
+    shield = None
+    if found[2] is not None:
+        shield = validate(ShieldConfig, json.loads(found[2]), "shield")
+    return temperature, shield
 
 
 def load_benchmark(path: Path = BENCHMARK) -> BenchmarkSpec:
@@ -165,12 +205,14 @@ def contenders(
     missing: list[str] = []
     for name in choose(list(spec.methods), wanted, "method"):
         method = spec.methods[name]
-        found_none = not is_rule(method.planner) and not Path(method.planner).exists()
+        found_none = not is_rule(method.planner) and not has_weights(method.planner)
         if found_none and wanted is None:
             missing.append(name)
             continue
         try:
-            source = planner_source(method.planner, method.settings)
+            source = planner_source(method.planner, method.settings, shield=method.shielded)
+            if method.temperature is not None:
+                source = source.at_temperature(method.temperature)
             _check_layout(source, spec.config_of(name, configs))
         except UserError as error:
             raise UserError(f"method {name}: {error}") from None

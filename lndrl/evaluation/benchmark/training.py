@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lndrl.config import RunConfig, flatten, load_config
+from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
 from lndrl.evaluation.sweep import Run, RunsFolder, State
@@ -94,12 +95,18 @@ def method_runs(
     method's own trains into ``runs/METHOD-seedN``. Raises UserError for an unknown method, one
     that is a rule, and one whose run or configuration cannot be told.
     """
-    learned = [name for name, method in spec.methods.items() if not is_rule(method.planner)]
+    learned = [
+        name
+        for name, method in spec.methods.items()
+        if not is_rule(method.planner) and method.planner != SHIPPED_POLICY
+    ]
     runs: dict[str, MethodRun] = {}
     for name in choose(list(spec.methods), wanted, "method") if wanted is not None else learned:
         if name not in learned:
+            rule = is_rule(spec.methods[name].planner)
+            what = "is a rule" if rule else "comes with the program"
             raise UserError(
-                f"method {name} is a rule, nothing to train; learned are: {', '.join(learned)}"
+                f"method {name} {what}, nothing to train; learned are: {', '.join(learned)}"
             )
         run = _method_run(spec, configs, name, steps, seed)
         runs.setdefault(run.name, run)

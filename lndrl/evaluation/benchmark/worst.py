@@ -16,11 +16,12 @@ from lndrl.evaluation.benchmark.spec import (
     bench_config,
     bench_hash,
     choose,
+    policy_of,
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.families import episode_of
-from lndrl.planners import planner_source
+from lndrl.planners import PlannerSource, is_rule, planner_source
 
 WORST_FIRST = ("lost", "collided", "timeout", "arrived")
 """Ends of an episode from the worst on: who is lost no longer knows what it runs into."""
@@ -77,7 +78,7 @@ def contender_tested(folder: ResultsFolder, name: str) -> tuple[Contender, Ident
     kept = methods[name]
     localization: Localization = "perfect" if kept.get("localization") == "perfect" else "amcl"
     try:
-        source = planner_source(kept.get("planner", name), _settings(kept.get("identity", "")))
+        source = _source_tested(kept.get("planner", name), kept.get("identity", ""))
     except UserError as error:
         raise UserError(f"method {name}: {error}") from None
     contender = Contender(name, source, localization, kept.get("actions") == "greedy")
@@ -87,6 +88,16 @@ def contender_tested(folder: ResultsFolder, name: str) -> tuple[Contender, Ident
             f"give {source.name} its weights back, or run lndrl benchmark under another --name"
         )
     return contender, identity
+
+
+def _source_tested(planner: str, identity: str) -> PlannerSource:
+    """``planner`` with the settings, or the temperature and shield, that ``identity`` names."""
+    if is_rule(planner):
+        return planner_source(planner, _settings(identity))
+    temperature, shield = policy_of(identity)
+    source = planner_source(planner, shield=shield)
+    # Sampled at 1 is not written: whatever the file says by now, that is how it was.
+    return source.at_temperature(1.0 if temperature is None else temperature)
 
 
 def _settings(identity: str) -> dict[str, Any] | None:

@@ -94,18 +94,35 @@ def feeds_for(observation: Observation, config: RunConfig) -> Feeds:
 
 
 def round_trip(
-    session: onnxruntime.InferenceSession, runner: PolicyRunner, met: Observation
+    session: onnxruntime.InferenceSession,
+    runner: PolicyRunner,
+    met: Observation,
+    temperature: float = 1.0,
 ) -> RoundTrip:
-    """Compare the answers of ``session`` and ``runner`` to ``met`` (N,), batch by batch."""
+    """Compare the answers of ``session`` and ``runner`` to ``met`` (N,), batch by batch.
+
+    Those of ``runner`` are taken at ``temperature``, as those of ``session`` are.
+    """
     difference, answers = 0.0, []
     for part in _pieces(met):
         (exported,) = session.run([OUTPUT], feeds_for(part, runner.config))
-        answer = runner.log_probabilities(part)
+        answer = at_temperature(runner.log_probabilities(part), temperature)
         # max() of Python would let NaN pass.
         difference = float(np.maximum(difference, np.abs(exported - answer).max()))
         answers.append(answer)
     spread = float(np.concatenate(answers).std(axis=0).max())
     return RoundTrip(len(met), difference, spread)
+
+
+def at_temperature(
+    log_probabilities: NDArray[np.floating], temperature: float
+) -> NDArray[np.floating]:
+    """What ``log_probabilities`` (N, A) at temperature 1 are at ``temperature``."""
+    if temperature == 1.0:
+        return log_probabilities
+    scores = log_probabilities.astype(np.float64) / temperature
+    total: NDArray[np.floating] = np.logaddexp.reduce(scores, axis=1, keepdims=True)
+    return scores - total
 
 
 def decisions_per_second(

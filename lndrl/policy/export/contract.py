@@ -12,6 +12,7 @@ from lndrl.config import RunConfig
 from lndrl.navigation import action_table
 from lndrl.policy.export.graph import OUTPUT, ROWS, example_inputs, goal_values
 from lndrl.policy.layout import said_inside
+from lndrl.policy.weights import driven_at
 from lndrl.version import VERSION
 
 CONTRACT_VERSION = 1
@@ -44,7 +45,7 @@ def contract_for(config: RunConfig, weights: bytes, opset: int) -> dict[str, Any
             }
             for name, tensor in inputs.items()
         ],
-        "outputs": [_output(config)],
+        "outputs": [_output(config, driven_at(weights))],
         "actions": [
             {"index": i, "v": float(v), "w": float(w)}
             for i, (v, w) in enumerate(action_table(config.task))
@@ -69,6 +70,7 @@ def _policy(config: RunConfig, weights: bytes) -> dict[str, Any]:
         "weights_sha256": hashlib.sha256(weights).hexdigest(),
         "configuration": config.content_hash(),
         "scenario": config.scenario.name,
+        "temperature": driven_at(weights),
     }
 
 
@@ -140,14 +142,17 @@ def _goal(config: RunConfig) -> dict[str, Any]:
     return described
 
 
-def _output(config: RunConfig) -> dict[str, Any]:
+def _output(config: RunConfig, temperature: float) -> dict[str, Any]:
+    drawn = "draw one as in training"
+    if temperature != 1.0:
+        drawn = f"temperature {temperature:g} is already in them, so draw one as they are"
     return {
         "name": OUTPUT,
         "dtype": "float32",
         "shape": [ROWS, len(action_table(config.task))],
         "unit": "1",
-        "meaning": "natural logarithms of the actions' probabilities; draw one as in training, or "
-        "take the likeliest",
+        "meaning": f"natural logarithms of the actions' probabilities; {drawn}, or take the "
+        "likeliest",
     }
 
 

@@ -41,12 +41,15 @@ def check_installed() -> None:
         )
 
 
-def to_onnx(config: RunConfig, network: Network, where: str) -> onnx.ModelProto:
+def to_onnx(
+    config: RunConfig, network: Network, where: str, temperature: float = 1.0
+) -> onnx.ModelProto:
     """``network`` as an ONNX model that reads what ``example_inputs`` shows, N rows at once.
 
-    Raises UserError, ``where`` in front, for a network that cannot be exported.
+    Its log-probabilities are those at ``temperature``. Raises UserError, ``where`` in front, for a
+    network that cannot be exported.
     """
-    module = PolicyGraph(config, network).eval().requires_grad_(False)
+    module = PolicyGraph(config, network, temperature).eval().requires_grad_(False)
     inputs = example_inputs(config)
     rows = torch.export.Dim(ROWS, min=1)
     shapes = {name: {0: rows} for name in inputs}

@@ -24,6 +24,7 @@ from lndrl.policy.export.check import (
 from lndrl.policy.export.contract import METADATA_KEY, contract_for
 from lndrl.policy.export.convert import check_installed, to_onnx, whose_parts
 from lndrl.policy.inference import PolicyRunner
+from lndrl.policy.weights import driven_at
 
 _SEED = 20  # of the drive that is compared on; any would do
 _TIMED = 0.5  # s per figure of speed
@@ -64,6 +65,7 @@ def export_policy(
 ) -> Exported:
     """The policy of ``weights`` as an ONNX model, compared on ``observations`` really met.
 
+    Its log-probabilities are those at the temperature that the weights are meant to be sampled at.
     ``where`` names the weights in errors; ``timed`` are the seconds per figure of speed. Raises
     UserError where a package is missing, the weights do not fit, the network cannot be exported,
     or the model computes something else.
@@ -71,20 +73,23 @@ def export_policy(
     check_installed()
     runner = PolicyRunner(config)
     runner.load(weights)
-    model = to_onnx(config, runner.network, where)
+    temperature = driven_at(weights, where)
+    model = to_onnx(config, runner.network, where, temperature)
     contract = contract_for(config, weights, model.opset_import[0].version)
     entry = model.metadata_props.add()
     entry.key, entry.value = METADATA_KEY, json.dumps(contract)
     blob = model.SerializeToString()
     session = open_session(blob)
     met = observations_met(runner, observations, _SEED)
-    trip = _compared(session, runner, met, where)
+    trip = _compared(session, runner, met, where, temperature)
     return Exported(blob, contract, trip, decisions_per_second(session, runner, met, timed))
 
 
-def _compared(session: Any, runner: PolicyRunner, met: Observation, where: str) -> RoundTrip:
+def _compared(
+    session: Any, runner: PolicyRunner, met: Observation, where: str, temperature: float
+) -> RoundTrip:
     try:
-        trip = round_trip(session, runner, met)
+        trip = round_trip(session, runner, met, temperature)
     except Exception as error:  # ONNX Runtime's have no kind in common
         raise UserError(
             f"{where}: the exported network does not run: {str(error).splitlines()[0]}"

@@ -44,10 +44,14 @@ def example_inputs(config: RunConfig, rows: int = 2) -> dict[str, Tensor]:
 
 
 class PolicyGraph(nn.Module):
-    """Log-probabilities of the actions from measurements; ``network`` has its weights already."""
+    """Log-probabilities of the actions from measurements; ``network`` has its weights already.
 
-    def __init__(self, config: RunConfig, network: Network) -> None:
+    They are those at ``temperature``, so that whoever drives it draws from them as they are.
+    """
+
+    def __init__(self, config: RunConfig, network: Network, temperature: float = 1.0) -> None:
         super().__init__()
+        self.temperature = temperature
         self.config = config
         self.network = network
 
@@ -64,8 +68,10 @@ class PolicyGraph(nn.Module):
         if people is not None and count is not None:
             maps = draw_on_device(people, count, self.config.task)
         read = read_scan(scan, self.config.world.laser.range_max)
-        logits = self.network(Inputs(read, self._clipped(goal), maps))
-        return torch.log_softmax(logits.float(), dim=1)
+        logits = self.network(Inputs(read, self._clipped(goal), maps)).float()
+        if self.temperature != 1.0:
+            logits = logits / self.temperature
+        return torch.log_softmax(logits, dim=1)
 
     def _clipped(self, goal: Tensor) -> Tensor:
         limit = self.config.task.variance_limit

@@ -78,7 +78,9 @@ def test_an_installed_name_is_a_planner(own_module: Write, install: Callable[...
     module = own_module(GOOD, trusted=False)
     install("slow-planners", "lndrl.planners", "slow", f"{module}:Slow")
     assert act("slow", speed=0.4)[0, 0] == 0.4
-    with pytest.raises(UserError, match=r"give one, random or .* or dwa or .* or slow, or module"):
+    with pytest.raises(
+        UserError, match=r"give one, shipped, random or .* or dwa or .* or slow, or module"
+    ):
         planner_source("slaw")
 
 

@@ -22,11 +22,13 @@ from lndrl.evaluation.benchmark import (
     bench_config,
     bench_hash,
     choose,
+    contender_tested,
     contenders,
     load_benchmark,
     mcnemar,
     rows_of,
 )
+from lndrl.evaluation.benchmark.spec import policy_of
 from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.navigation import EpisodeRecord
@@ -177,6 +179,50 @@ def test_learning_settings_may_differ_from_the_methods_configuration(
     assert [each.name for each in found] == ["small", "oracle", "mine"]
 
 
+def test_temperature_and_shield_of_a_method_are_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = learned_bench(tmp_path)
+    spec.write_text(
+        spec.read_text()
+        + "  cold: {planner: runs/small, temperature: 0.3, shield: {horizon: 0.8}}\n"
+        + "  warm: {planner: runs/small, temperature: 2}\n"
+        + "  shielded: {planner: runs/small, shield: true}\n"
+    )
+    found, _ = contenders(load_benchmark(spec), configs=spec.parent)
+    small, oracle, _, cold, warm, shielded = found
+    digest = small.identity
+    assert oracle.identity == digest and len(digest) == 16
+    assert warm.identity == f"{digest} at 2.0"
+    assert cold.identity.startswith(f'{digest} at 0.3 shield {{"horizon":0.8,')
+    assert shielded.identity.startswith(f'{digest} shield {{"horizon":1.2,')
+    for each in found:
+        temperature, shield = policy_of(each.identity)
+        assert (temperature or 1.0, shield) == (each.source.temperature, each.source.shield)
+    # The likeliest action is the same one at any temperature.
+    (greedy,), _ = contenders(load_benchmark(spec), ["warm"], greedy=True, configs=spec.parent)
+    assert greedy.identity == digest
+    # Whoever replays what was tested gets the same planner, whatever the file says of itself.
+    folder = ResultsFolder(tmp_path / "results")
+    Plan(folder, found, ["sparse"], 1, 3).left()
+    for each in found:
+        again, _ = contender_tested(folder, each.name)
+        assert again.source.temperature == each.source.temperature
+        assert again.source.shield == each.source.shield and again.identity == each.identity
+
+
+def test_a_methods_temperature_is_a_policys(tmp_path: Path) -> None:
+    spec = tmp_path / "bench.yaml"
+    methods = "scenarios: [sparse]\nmethods: {rule: {planner: dwa, temperature: %s}}\n"
+    spec.write_text(methods % "0.5")
+    with pytest.raises(UserError, match="method rule: dwa: has no policy to sample"):
+        contenders(load_benchmark(spec))
+    spec.write_text(methods % "0")
+    with pytest.raises(UserError, match=r"methods\.rule\.temperature"):
+        load_benchmark(spec)
+
+
 def test_a_laser_that_the_bench_has_not_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,6 +239,7 @@ def test_a_methods_configuration_is_named_like_it_or_like_who_shares_its_run() -
     assert named == {
         **{name: name for name in ("drl_laser", "drl_laser_ped", "lndrl")},
         **{name: name for name in ("no_variance", "no_reward")},
+        "lndrl+shield": "lndrl",
         "oracle": "lndrl",
     }
 

@@ -36,6 +36,7 @@ def test_the_weights_are_named() -> None:
         "weights_sha256": hashlib.sha256(weights).hexdigest(),
         "configuration": config.content_hash(),
         "scenario": "room",
+        "temperature": 1.0,
     }
     unsaid = contract_of(config, to_bytes(build_policy(config)))["policy"]
     assert (unsaid["version"], unsaid["steps"]) == (None, None)

@@ -17,7 +17,15 @@ from torch import nn
 
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
-from lndrl.policy import Inputs, PolicyRunner, build_policy, initial_weights
+from lndrl.policy import (
+    TEMPERATURE_KEY,
+    Inputs,
+    PolicyRunner,
+    build_policy,
+    initial_weights,
+    policy_metadata,
+    to_bytes,
+)
 from lndrl.policy.export import (
     METADATA_KEY,
     export,
@@ -164,7 +172,7 @@ def test_a_graph_that_has_lost_an_input_is_noticed(
     monkeypatch.setattr(
         export,
         "to_onnx",
-        lambda config, network, where: real(config, Blind(network, lost), where),  # type: ignore[arg-type]
+        lambda config, network, *rest: real(config, Blind(network, lost), *rest),  # type: ignore[arg-type]
     )
     with pytest.raises(UserError, match=r"^runs/r: .* differ by .*, so nothing was written"):
         # Even in first weights, which say nearly the same to everything.
@@ -175,6 +183,23 @@ def test_first_weights_pass_too() -> None:
     config = made_config()
     trip = export_policy(config, initial_weights(config), "here", FEW, timed=0.01).trip
     assert trip.holds and trip.tolerance <= 1e-4
+
+
+def test_the_temperature_that_it_is_meant_for_is_inside() -> None:
+    config = made_config()
+    said = {**policy_metadata(config, 7, 1234), TEMPERATURE_KEY: "0.25"}
+    runner = runner_of(config, weights_of(config))
+    exported = export_policy(config, to_bytes(runner.network, said), "here", FEW, timed=0.01)
+    assert exported.trip.holds and exported.trip.difference < 1e-4
+    met = observations_met(runner, FEW, seed=3)
+    (answer,) = open_session(exported.model).run(None, feeds_for(met, config))
+    plain = runner.log_probabilities(met)
+    expected = np.exp(plain.astype(np.float64) * 4.0)
+    expected /= expected.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(np.exp(answer), expected, atol=1e-5)
+    assert np.abs(np.exp(plain) - expected).max() > 0.05
+    assert exported.contract["policy"]["temperature"] == 0.25
+    assert "temperature 0.25 is already in them" in exported.contract["outputs"][0]["meaning"]
 
 
 def test_an_answer_that_is_no_number_is_noticed() -> None:

@@ -1,0 +1,21 @@
+"""The policy that comes with the program, in half precision, and how weights get there and back."""
+
+from lndrl.policy.shipped.half import (
+    LARGEST_FILE,
+    SHIPPED_FILE,
+    WALK_FILE,
+    metadata_in,
+    narrowed,
+    parameters_in,
+    widened,
+)
+
+__all__ = [
+    "LARGEST_FILE",
+    "SHIPPED_FILE",
+    "WALK_FILE",
+    "metadata_in",
+    "narrowed",
+    "parameters_in",
+    "widened",
+]

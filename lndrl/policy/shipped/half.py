@@ -1,0 +1,78 @@
+"""Weights in half precision: a policy file of half the size, which acts in single precision.
+
+A float16 keeps 11 of the 24 binary digits. Files stay safetensors with the same names and the same
+metadata; whoever reads one gets the numbers back as float32.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+from torch import Tensor
+
+from lndrl.errors import UserError
+
+SHIPPED_FILE = Path(__file__).resolve().with_name("policy.safetensors")
+"""Where an installed program has its policy."""
+WALK_FILE = SHIPPED_FILE.with_name("walk.npz")
+"""A walk of it that was recorded, for whoever waits for the first one."""
+LARGEST_FILE = 16_000_000
+"""bytes that it may have."""
+
+
+def narrowed(blob: bytes, metadata: Mapping[str, str], where: str = "weights") -> bytes:
+    """``blob`` (safetensors, float32) with every tensor as float16, and ``metadata``.
+
+    Raises UserError for a number that float16 does not have.
+    """
+    tensors = load_tensors(blob)
+    for name, tensor in tensors.items():
+        half = tensor.to(torch.float16)
+        if not torch.isfinite(half).all():
+            raise UserError(
+                f"{where}: {name} holds a number beyond {torch.finfo(torch.float16).max:g}, the "
+                "largest in half precision; these weights cannot be shipped"
+            )
+        tensors[name] = half
+    return _saved(tensors, metadata)
+
+
+def widened(blob: bytes, metadata: Mapping[str, str]) -> bytes:
+    """``blob`` with its float16 tensors as float32; itself where it has none."""
+    tensors = load_tensors(blob)
+    if all(tensor.dtype != torch.float16 for tensor in tensors.values()):
+        return blob
+    wide = {
+        name: tensor.to(torch.float32) if tensor.dtype == torch.float16 else tensor
+        for name, tensor in tensors.items()
+    }
+    return _saved(wide, metadata)
+
+
+def _saved(tensors: dict[str, Tensor], metadata: Mapping[str, str]) -> bytes:
+    """A safetensors blob that is the same, byte for byte, every time.
+
+    The library writes metadata in any order, and results are known by the digest of the weights.
+    """
+    blob = save_tensors(tensors)
+    size = int.from_bytes(blob[:8], "little")
+    head = json.loads(blob[8 : 8 + size])
+    text = json.dumps({"__metadata__": dict(sorted(metadata.items())), **head}).encode()
+    text += b" " * (-len(text) % 8)  # tensors begin at a multiple of 8 bytes
+    return len(text).to_bytes(8, "little") + text + blob[8 + size :]
+
+
+def metadata_in(blob: bytes) -> dict[str, str]:
+    """The metadata of a safetensors blob: in its head, JSON behind its length in 8 bytes."""
+    head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
+    return dict(head.get("__metadata__") or {})
+
+
+def parameters_in(blob: bytes) -> int:
+    """How many numbers the tensors of a safetensors blob have."""
+    return sum(tensor.numel() for tensor in load_tensors(blob).values())

@@ -1,0 +1,120 @@
+"""A walk in the terminal: the part of the world around the robot, two pixels in a character."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.text import Text
+
+from lndrl.navigation.snapshot import WorldSnapshot
+from lndrl.view.palette import BELIEF, ECHO, FLOOR, GOAL, PERSON, SLATE, TRUTH, WALL
+from lndrl.view.text import styled
+
+METRES = 0.2
+"""m that a pixel is wide; a character is one pixel wide and two high."""
+
+_FLOOR, _WALL, _PATH, _ECHO, _GOAL, _PERSON, _BELIEF, _ROBOT = range(8)
+_COLOURS = (FLOOR, WALL, SLATE, ECHO, GOAL, PERSON[""], BELIEF, TRUTH)
+_GLYPHS = " #.'GoeR"
+LEGEND = (("robot", _ROBOT), ("where it believes to be", _BELIEF), ("people", _PERSON),
+          ("goal", _GOAL), ("laser", _ECHO))  # fmt: skip
+
+
+def walk_picture(snapshot: WorldSnapshot, columns: int, rows: int, colours: bool = True) -> Text:
+    """``snapshot`` around the robot in at most ``rows`` lines of at most ``columns`` characters.
+
+    Colours fill half characters; without them each character is the letter of the most important
+    thing in it, as in the legend. A goal out of sight stands at the edge, in its direction.
+    """
+    pixels = _pixels(snapshot, max(columns, 1), max(rows, 1))
+    upper, lower = pixels[0::2], pixels[1::2]
+    picture = Text(no_wrap=True)
+    for r in range(len(upper)):
+        if r:
+            picture.append("\n")
+        if not colours:
+            picture.append("".join(_GLYPHS[code] for code in np.maximum(upper[r], lower[r])))
+            continue
+        _append_row(picture, upper[r], lower[r])
+    return picture
+
+
+def walk_legend(colours: bool = True) -> Text:
+    """What the colours (or letters) of ``walk_picture`` mean, in one line."""
+    legend = Text(no_wrap=True)
+    for word, code in LEGEND:
+        sign = styled("■ ", _COLOURS[code]) if colours else Text(f"{_GLYPHS[code]} ")
+        legend.append_text(sign).append(f"{word}   ")
+    legend.rstrip()
+    return legend
+
+
+def walk_words(snapshot: WorldSnapshot) -> str:
+    """How the walk stands at this moment, in words of at most 80 characters."""
+    to_goal = np.hypot(*(snapshot.goal - snapshot.pose_true[:2]))
+    off = np.hypot(*(snapshot.pose_estimated[:2] - snapshot.pose_true[:2]))
+    near = np.linalg.norm(snapshot.pedestrian_position - snapshot.pose_true[:2], axis=1)
+    people = int((near < 3.0).sum())
+    return (
+        f"{snapshot.time:5.1f} s, {to_goal:4.1f} m to the goal, {people} people within 3 m, "
+        f"belief {off:.2f} m off"
+    )
+
+
+def _append_row(picture: Text, upper: NDArray[np.uint8], lower: NDArray[np.uint8]) -> None:
+    """A line of half blocks; neighbours of the same two colours share one style."""
+    pairs = upper.astype(int) * len(_COLOURS) + lower
+    edges = np.flatnonzero(np.diff(pairs)) + 1
+    for first, last in zip([0, *edges], [*edges, len(pairs)], strict=True):
+        style = f"{_COLOURS[upper[first]]} on {_COLOURS[lower[first]]}"
+        picture.append("▀" * int(last - first), style=style)
+
+
+def _pixels(snapshot: WorldSnapshot, columns: int, rows: int) -> NDArray[np.uint8]:
+    """What is where, (2 * lines, characters), the highest y first; 0 is floor."""
+    size = np.array(snapshot.size)
+    shape = np.minimum(np.ceil(size / METRES).astype(int), (columns, 2 * rows))
+    shape[1] += shape[1] % 2
+    span = shape * METRES
+    low = np.clip(snapshot.pose_true[:2] - span / 2, 0.0, np.maximum(size - span, 0.0))
+    drawn = np.zeros((shape[1], shape[0]), np.uint8)
+
+    def dots(points: NDArray[np.float64], code: int) -> None:
+        index = np.floor((points.reshape(-1, 2) - low) / METRES).astype(int)
+        index = index[((index >= 0) & (index < shape)).all(axis=1)]
+        drawn[index[:, 1], index[:, 0]] = code
+
+    row, column = np.nonzero(snapshot.occupied)
+    cells = np.stack([column, row], axis=1) + 0.5
+    dots(np.asarray(snapshot.origin) + cells * snapshot.resolution, _WALL)
+    dots(snapshot.path, _PATH)
+    dots(_echoes(snapshot), _ECHO)
+    edge = np.clip(snapshot.goal, low + METRES / 2, low + span - METRES / 2)
+    dots(edge + _disc(snapshot.arrive_distance if (edge == snapshot.goal).all() else 0.0), _GOAL)
+    for person in snapshot.pedestrian_position:
+        dots(person + _disc(snapshot.pedestrian_radius), _PERSON)
+    nose = snapshot.pose_true[:2] + 0.35 * _direction(snapshot.pose_true[2])
+    dots(np.vstack([snapshot.pose_true[:2] + _disc(snapshot.robot_radius), nose]), _ROBOT)
+    dots(snapshot.pose_estimated[:2], _BELIEF)
+    return drawn[::-1]
+
+
+def _disc(radius: float) -> NDArray[np.float64]:
+    """Points (n, 2) of a disc around the origin, its centre at least."""
+    side = np.arange(-radius, radius + 1e-9, METRES / 2) if radius > 0.0 else np.zeros(1)
+    x, y = np.meshgrid(side, side)
+    inside = x * x + y * y <= radius * radius
+    return np.vstack([np.zeros((1, 2)), np.stack([x[inside], y[inside]], axis=1)])
+
+
+def _direction(yaw: float) -> NDArray[np.float64]:
+    return np.array([np.cos(yaw), np.sin(yaw)])
+
+
+def _echoes(snapshot: WorldSnapshot) -> NDArray[np.float64]:
+    """Where the echoes lie, seen from the true pose; readings at range_max have none."""
+    ranges = snapshot.scan.astype(np.float64)
+    bearing = snapshot.field_of_view * (np.arange(len(ranges)) / len(ranges) - 0.5)
+    angle = snapshot.pose_true[2] + bearing
+    points = ranges[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return snapshot.pose_true[:2] + points[ranges < snapshot.range_max * 0.9999]
