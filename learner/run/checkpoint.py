@@ -159,13 +159,17 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
 
 
 def start_from(run: Path, ppo: PPO) -> Path:
-    """Give ``ppo`` networks and optimizers of the newest checkpoint of another run.
+    """Give ``ppo`` networks and optimizers of another run's newest checkpoint, or of ``run`` itself
+    where it is a checkpoint.
 
     Returns the checkpoint; raises UserError when there is none or it is of another network.
     """
-    known = checkpoints_in(run / "checkpoints")
+    known = [run] if (run / STATE_FILE).is_file() else checkpoints_in(run / "checkpoints")
     if not known:
-        raise UserError(f"learner.start: {run} holds no checkpoint; name the folder of a run")
+        raise UserError(
+            f"learner.start: {run} holds no checkpoint; name the folder of a run, or one of its "
+            "checkpoints/step-..."
+        )
     order = ppo.rng.bit_generator.state
     load_checkpoint(known[-1], ppo)
     ppo.rng.bit_generator.state = order  # the new run's seed decides, not where it came from

@@ -186,7 +186,8 @@ class LearnerConfig(Model):
     cuda_graphs: bool = Field(True, description="replay gradient steps on GPUs as CUDA graphs")
     start: str | None = Field(
         None,
-        description="folder of a run whose newest networks and optimizers this one begins with",
+        description="folder of a run whose newest networks and optimizers this one begins with, or "
+        "of one of its checkpoints",
     )
     average: Annotated[float, Field(ge=0, lt=1), LATER] = Field(
         0.0,

@@ -156,6 +156,18 @@ def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> N
         start_from(tmp_path / "nowhere", new)
 
 
+def test_a_run_begins_with_a_certain_checkpoint_of_another(trained, tmp_path: Path) -> None:
+    config = small_config()
+    older, newer = trained(config, 2), trained(config, 3)
+    for steps, ppo in ((64, older), (96, newer)):
+        save_checkpoint(tmp_path / "checkpoints", ppo, Counters(steps=steps), BOOKS, 3)
+    new = trained(config, 0)
+    chosen = tmp_path / "checkpoints/step-000000064"
+    assert start_from(chosen, new) == chosen
+    for one, other in zip(older.policy.parameters(), new.policy.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
 def test_an_average_is_what_is_tested_and_training_goes_on_from_the_weights(
     trained, tmp_path: Path
 ) -> None:
