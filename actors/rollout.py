@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from actors import teaching
 from actors.laps import Laps
 from actors.teaching import Teacher
 from actors.witness import Witness
@@ -67,6 +68,7 @@ class Rollout:
         self.version = -1  # no weights yet
         # The policy's first ones are compiled before there is a world.
         expect(*KERNELS, *((know_worlds,) if config.learner.privileged_critic else ()))
+        expect(*(teaching.KERNELS if config.ppo.teacher is not None else ()))
         self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         surroundings = build_surroundings(config)
         self.environment = VectorNavigation(

@@ -224,9 +224,9 @@ def test_stop_ends_the_run_in_mid_chunk(joined):
     actor.join()
     act = actor.rollout.runner.act
 
-    def act_and_stop(*arguments):
+    def act_and_stop(*arguments, **named):
         stop.set()
-        return act(*arguments)
+        return act(*arguments, **named)
 
     actor.rollout.runner.act = act_and_stop
     actor.run(stop)
