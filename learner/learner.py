@@ -302,8 +302,11 @@ class Learner:
             self.events.add("phase", stage.words(self.config))
         blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
         counters = self.counters
-        self.endpoint.publish_weights(counters.version, blob)
-        self.validation.offer(counters.version, counters.steps, self.elapsed, blob)
+        tested = None
+        if self.config.learner.validation_episodes and self.ppo.tested is not self.ppo.acting:
+            tested = to_bytes(self.ppo.tested)
+        self.endpoint.publish_weights(counters.version, blob, tested)
+        self.validation.offer(counters.version, counters.steps, self.elapsed, tested or blob)
 
     def _record(self, chunks: list[Chunk], seconds: float) -> None:
         for chunk in chunks:

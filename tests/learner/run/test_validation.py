@@ -259,6 +259,25 @@ def test_the_best_holds_the_weights_that_were_validated(start) -> None:
         assert (kept[name] == tensor).all(), name
 
 
+def test_the_average_is_validated_and_kept_where_actors_act_on_what_is_trained(start) -> None:
+    from safetensors.torch import load
+
+    run = start(config=small(average=0.9))
+    ppo = run.learner.ppo
+    with __import__("torch").no_grad():
+        next(ppo.policy.parameters()).add_(1.0)
+    assert run.validate(1, 10) == "accepted"
+    fetched = run.evaluator.fetch(1)
+    acted_on = run.network.desk.weights(1)[1]
+    for blob, network in (
+        (fetched, ppo.average.network),
+        (read_policy(run.learner.folder.path).weights, ppo.average.network),
+        (acted_on, ppo.policy),
+    ):
+        tensors = load(blob)
+        assert all((tensors[name] == t).all() for name, t in network.state_dict().items())
+
+
 def test_keeping_few_checkpoints_never_deletes_the_best(start) -> None:
     run = start()
     run.validate(1, 20)
