@@ -73,6 +73,7 @@ class Learner:
         self.ppo = PPO(config)
         check_messages(config, len(to_bytes(self.ppo.policy)), endpoint.largest_message)
         check_queue(config)
+        _check_teacher(config)
         self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
         self.roster = Roster()
         self.counters = Counters()
@@ -395,6 +396,14 @@ class Learner:
             accounts=self.accounts.totals(),
             checkpoint=self.last_checkpoint[0] if self.last_checkpoint else None,
         )
+
+
+def _check_teacher(config: RunConfig) -> None:
+    """Raise UserError where no actor could build the teacher, before there is a folder."""
+    if config.ppo.teacher is not None:
+        from lndrl.planners import teacher_of  # loads what no other run needs
+
+        teacher_of(config)
 
 
 def _history_row(row: dict[str, Any]) -> dict[str, Any]:
