@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
-from lndrl.errors import UserError
-from lndrl.models import validate
 from lndrl.navigation import Observation, action_table
 from lndrl.navigation.trajectory import MOST_COST
-from lndrl.planners import CarefulConfig, CarefulPlanner, PredictiveConfig, PredictivePlanner
+from lndrl.planners import teacher_of
 from lndrl.planners.rollouts import decide
 from lndrl.policy import Guidance
 
@@ -31,7 +29,7 @@ class Teacher:
     """
 
     def __init__(self, config: RunConfig, worlds: int) -> None:
-        self._planner = _planner(config)
+        self._planner = teacher_of(config)
         self._actions = action_table(config.task)
         self._rows = np.arange(worlds)
         self._labels = np.zeros((0, worlds, len(self._actions)), np.float16)
@@ -73,13 +71,3 @@ class Teacher:
     def labels(self) -> NDArray[np.float16]:
         """Of the chunk: costs above the cheapest (T, B, A), or (0, B, A) without labels."""
         return self._labels
-
-
-def _planner(config: RunConfig) -> PredictivePlanner:
-    name, settings = config.ppo.teacher, dict(config.imitation.settings)
-    where = f"imitation.settings of the teacher {name}"
-    if name == CarefulPlanner.name:
-        return CarefulPlanner(config, validate(CarefulConfig, settings, where))
-    if name == PredictivePlanner.name:
-        return PredictivePlanner(config, validate(PredictiveConfig, settings, where))
-    raise UserError(f"ppo.teacher {name}: no planner of that name gives costs")

@@ -73,6 +73,7 @@ class Learner:
         self.ppo = PPO(config)
         check_messages(config, len(to_bytes(self.ppo.policy)), endpoint.largest_message)
         check_queue(config)
+        _check_teacher(config)
         self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
         self.roster = Roster()
         self.counters = Counters()
@@ -302,8 +303,11 @@ class Learner:
             self.events.add("phase", stage.words(self.config))
         blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
         counters = self.counters
-        self.endpoint.publish_weights(counters.version, blob)
-        self.validation.offer(counters.version, counters.steps, self.elapsed, blob)
+        tested = None
+        if self.config.learner.validation_episodes and self.ppo.tested is not self.ppo.acting:
+            tested = to_bytes(self.ppo.tested)
+        self.endpoint.publish_weights(counters.version, blob, tested)
+        self.validation.offer(counters.version, counters.steps, self.elapsed, tested or blob)
 
     def _record(self, chunks: list[Chunk], seconds: float) -> None:
         for chunk in chunks:
@@ -392,6 +396,14 @@ class Learner:
             accounts=self.accounts.totals(),
             checkpoint=self.last_checkpoint[0] if self.last_checkpoint else None,
         )
+
+
+def _check_teacher(config: RunConfig) -> None:
+    """Raise UserError where no actor could build the teacher, before there is a folder."""
+    if config.ppo.teacher is not None:
+        from lndrl.planners import teacher_of  # loads what no other run needs
+
+        teacher_of(config)
 
 
 def _history_row(row: dict[str, Any]) -> dict[str, Any]:

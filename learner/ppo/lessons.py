@@ -7,21 +7,29 @@ import numpy as np
 from learner.ppo.batch import Batch
 from learner.ppo.mirror import mirror, mirrored_actions
 from lndrl.config import RunConfig
+from lndrl.errors import UserError
 from lndrl.navigation import Observation
 
 
 class Lessons:
     """The newest ``config.imitation.memory`` labelled states, oldest overwritten first.
 
-    It is no part of a checkpoint: a run that is resumed while it imitates fills it anew.
+    It is no part of a checkpoint: a run that is resumed while it imitates fills it anew. Raises
+    UserError for more states than the system gives memory for.
     """
 
     def __init__(self, config: RunConfig) -> None:
         capacity, task = config.imitation.memory, config.task
         actions = len(task.linear_velocities) * len(task.angular_velocities)
-        # Zeros of the system: what has not been filled takes no memory.
-        self._seen = Observation.zeros_for(capacity, config)
-        self._teacher = np.zeros((capacity, actions), np.float16)
+        try:
+            # Zeros of the system: what has not been filled takes no memory.
+            self._seen = Observation.zeros_for(capacity, config)
+            self._teacher = np.zeros((capacity, actions), np.float16)
+        except (MemoryError, ValueError):  # more than there is, or than can be counted
+            raise UserError(
+                f"imitation.memory {capacity:,}: this machine has no memory for so many states; "
+                "lower it"
+            ) from None
         self._beams = config.world.laser.beams
         self._images = mirrored_actions(config) if config.imitation.mirror else None
         self._none = Observation.zeros_for(0, config)

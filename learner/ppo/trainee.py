@@ -152,8 +152,10 @@ class Trainee:
         return means
 
     def figures(self) -> dict[str, float]:
-        """Means by name over all steps since ``begin``."""
+        """Means by name over all steps since ``begin``; empty where there was none."""
         steps = sum(count for count, _ in self._past)
+        if not steps:
+            return {}
         return {
             name: sum(count * means[name] for count, means in self._past) / steps
             for name in self._names

@@ -194,23 +194,20 @@ class PPO:
         rate = self._stage.learning_rate or plan.learning_rate
         self.policy_optimizer.rate = rate
         lessons.add(batch)
-        if not len(lessons):
-            raise DivergedError("no state of the batch has a label of the teacher")
         _, value, final_value = self._forward(batch)
         _, target = batch_advantages(batch, value, final_value, ppo)
         variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
         self.samples.set_goals(torch.zeros(len(batch)), np.zeros_like(target), target)
-        lesson = lessons.draw(max(1, round(plan.passes * len(batch))), self.rng)
-        if self._lesson.load(lesson):
-            self._actor.memory_moved()
-        work = [
-            (self._actor, self._lesson, [np.arange(len(lesson))]),
-            (
-                self._critic,
-                self.samples,
-                [self.rng.permutation(len(batch)) for _ in range(ppo.epochs)],
-            ),
-        ]
+        self._actor.begin(self._lesson.inputs)
+        work: list[tuple[Trainee, Samples, list[NDArray[np.int64]]]] = []
+        # After a step back in a run, chunks may come first that nobody has labelled.
+        if len(lessons):
+            lesson = lessons.draw(max(1, round(plan.passes * len(batch))), self.rng)
+            if self._lesson.load(lesson):
+                self._actor.memory_moved()
+            work = [(self._actor, self._lesson, [np.arange(len(lesson))])]
+        order = [self.rng.permutation(len(batch)) for _ in range(ppo.epochs)]
+        work.append((self._critic, self.samples, order))
         calls = []
         for trainee, samples, orders in work:
             inputs = SharedInputs(samples.inputs, readers=1)
@@ -303,8 +300,8 @@ class PPO:
             self._each(*((t, t.end) for t in both))
         policy, value = (trainee.figures() for trainee in both)
         return {
-            **{name: policy[name] for name in self._figures},
-            "gradient_norm_policy": policy["gradient_norm"],
+            **{name: policy[name] for name in self._figures if policy},
+            **({"gradient_norm_policy": policy["gradient_norm"]} if policy else {}),
             "value_loss": value["loss"],
             "gradient_norm_value": value["gradient_norm"],
         }

@@ -210,7 +210,7 @@ def _files(ppo: PPO, counters: Counters, books: dict[str, Any]) -> dict[str, byt
         OPTIMIZER_FILE: save_tensors(_optimizer_tensors(ppo)),
     }
     if ppo.average is not None:
-        files[TRAINED_FILE] = to_bytes(ppo.policy)
+        files[TRAINED_FILE] = to_bytes(ppo.policy, metadata)  # what a misfit is explained by
         books = {**books, "averaged": ppo.average.updates}
     state = {
         "format": FORMAT,

@@ -33,8 +33,8 @@ from lndrl.wilson import wilson_interval
 SHOWN = 120
 """Points of the curve that a status carries."""
 _EVALUATORS = 16  # whose names are kept; one more takes the place of the oldest
-_MOST_HELD = 2  # versions of 30 MB each that evaluators are at; an older one is forgotten
-_GIVEN_UP = 600.0  # s after which weights that one evaluator has may be tested by another
+_MOST_HELD = 2  # versions of 30 MB each that evaluators are at; one more waits for its turn
+_GIVEN_UP = 600.0  # s after which what one evaluator has may be tested by another, or forgotten
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ class Validation:
         return Ack("accepted")
 
     def _hand(self, evaluator: str) -> _Offer | None:
-        """The newest weights for ``evaluator``; what it had before is forgotten."""
+        """The newest weights for ``evaluator``, None for now; what it had before is forgotten."""
         offer, now = self._newest, time.monotonic()
         if offer is None or offer.version in self._done:
             return None
@@ -242,9 +242,13 @@ class Validation:
             ):
                 return None
         self._handed.pop(evaluator, None)
+        if len(self._handed) >= _MOST_HELD:
+            # Were a version forgotten that somebody is at, three could keep all from counting.
+            oldest = next(iter(self._handed))
+            if now - self._handed[oldest].at < _GIVEN_UP:
+                return None
+            del self._handed[oldest]
         self._handed[evaluator] = _Handed(offer, now)
-        while len(self._handed) > _MOST_HELD:
-            self._handed.pop(next(iter(self._handed)))
         return offer
 
     def _refuse(self, result: ValidationResult, reason: str) -> Ack:

@@ -13,6 +13,7 @@ from lndrl.planners.factory import (
     planner_names,
     planner_source,
     takes_settings,
+    teacher_of,
 )
 from lndrl.planners.interface import MapPlanner, Planner, episode_generator
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
@@ -44,4 +45,5 @@ __all__ = [
     "planner_names",
     "planner_source",
     "takes_settings",
+    "teacher_of",
 ]

@@ -168,6 +168,20 @@ def planner_source(
     )  # fmt: skip
 
 
+def teacher_of(config: RunConfig) -> PredictivePlanner:
+    """The planner that ``config.ppo.teacher`` names, with ``config.imitation.settings``.
+
+    Raises UserError for parameters that it does not have and a task that it cannot serve.
+    """
+    name, settings = config.ppo.teacher, dict(config.imitation.settings)
+    where = f"imitation.settings of the teacher {name}"
+    if name == CarefulPlanner.name:
+        return CarefulPlanner(config, validate(CarefulConfig, settings, where))
+    if name == PredictivePlanner.name:
+        return PredictivePlanner(config, validate(PredictiveConfig, settings, where))
+    raise UserError(f"ppo.teacher {name}: no planner of that name gives costs")
+
+
 def has_weights(planner: str) -> bool:
     """Whether there is something to load a policy from under the name or path ``planner``."""
     return planner == SHIPPED_POLICY or Path(planner).exists()

@@ -48,6 +48,7 @@ class LearnerDesk:
         self.validation: ValidationHandlers | None = None
         self._lock = threading.Lock()
         self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
+        self._tested: dict[int, tuple[WeightsAnnouncement, bytes]] = {}  # where they are others
         self._newest = WeightsAnnouncement(NO_WEIGHTS, 0, "", self.incarnation)
         self._status: tuple[dict[str, Any], list[dict[str, Any]]] | None = None
         self._rows: dict[int, tuple[dict[str, Any], bytes]] = {}  # of the history, by identity
@@ -135,8 +136,13 @@ class LearnerDesk:
         assert isinstance(question, ValidationResult)
         return encode(self._stamped(self.validation.on_validation(question)))
 
-    def put_weights(self, version: int, blob: bytes) -> WeightsAnnouncement:
-        """Keep weights as the newest. Raises ValueError for a version older than the newest."""
+    def put_weights(
+        self, version: int, blob: bytes, tested: bytes | None = None
+    ) -> WeightsAnnouncement:
+        """Keep weights as the newest; ``tested`` is what evaluators get, if it is not ``blob``.
+
+        Raises ValueError for a version older than the newest.
+        """
         if not blob:
             raise ValueError("weights must not be empty")
         with self._lock:
@@ -146,14 +152,24 @@ class LearnerDesk:
                 version, len(blob), digest(blob), self.incarnation, self._newest.done
             )
             self._weights[version] = (self._newest, blob)
+            self._tested.pop(version, None)
+            if tested is not None:
+                news = dataclasses.replace(self._newest, size=len(tested), digest=digest(tested))
+                self._tested[version] = (news, tested)
             for old in sorted(self._weights)[:-KEPT_VERSIONS]:
                 del self._weights[old]
+                self._tested.pop(old, None)
             return self._newest
 
     def weights(self, version: int | None) -> tuple[WeightsAnnouncement, bytes] | None:
         """The weights of a version (None: the newest), or None if they are not here."""
         with self._lock:
             return self._weights.get(self._newest.version if version is None else version)
+
+    def tested(self, version: int) -> tuple[WeightsAnnouncement, bytes] | None:
+        """What evaluators test of a version, or None if it is not here."""
+        with self._lock:
+            return self._tested.get(version) or self._weights.get(version)
 
     def announcement(self) -> WeightsAnnouncement:
         """What the newest weights are."""

@@ -82,8 +82,11 @@ class LearnerEndpoint(Protocol):
         """Begin to answer; without ``validation`` evaluators are refused."""
         ...
 
-    def publish_weights(self, version: int, blob: bytes) -> None:
-        """Offer weights; announces them, keeps the last two versions. Never waits for actors."""
+    def publish_weights(self, version: int, blob: bytes, tested: bytes | None = None) -> None:
+        """Offer weights; announces them, keeps the last two versions. Never waits for actors.
+
+        ``tested``: what evaluators get of this version, where it is not what actors act on.
+        """
         ...
 
     def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:

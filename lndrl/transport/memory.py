@@ -93,9 +93,9 @@ class MemoryLearner:
         for actor in list(self._network.actors):
             actor.report(alive=True)
 
-    def publish_weights(self, version: int, blob: bytes) -> None:
+    def publish_weights(self, version: int, blob: bytes, tested: bytes | None = None) -> None:
         """Offer weights."""
-        self._announce(self._desk.put_weights(version, blob))
+        self._announce(self._desk.put_weights(version, blob, tested))
 
     def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
         """Offer the status."""
@@ -252,7 +252,7 @@ class MemoryEvaluator:
 
     def fetch(self, version: int, timeout: float = 10.0) -> bytes:
         """The weights of ``version``."""
-        found = self._network.desk.weights(version) if self._network.desk else None
+        found = self._network.desk.tested(version) if self._network.desk else None
         if found is None:
             raise WeightsGoneError(f"version {version} is no longer kept")
         return found[1]

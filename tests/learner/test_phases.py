@@ -100,6 +100,27 @@ def test_a_run_without_a_teacher_speaks_of_no_phase(tmp_path: Path) -> None:
         learner.close()
 
 
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"speed": 3}, r"imitation\.settings of the teacher predictive.*speed"),
+        ({"goal_weight": "much"}, r"imitation\.settings of the teacher predictive.*goal_weight"),
+    ],
+)
+def test_a_teacher_with_settings_that_it_does_not_have_leaves_no_folder(
+    config, tmp_path: Path, settings: dict, sentence: str
+) -> None:
+    wrong = config.imitation.model_copy(update={"settings": settings})
+    with pytest.raises(UserError, match=sentence):
+        Learner(
+            config.model_copy(update={"imitation": wrong}),
+            tmp_path / "run",
+            MemoryNetwork().learner(),
+            quiet=True,
+        )
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_teacher_that_cannot_teach_the_task_leaves_no_folder(config, tmp_path: Path) -> None:
     blind = config.model_copy(
         update={

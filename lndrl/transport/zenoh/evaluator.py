@@ -16,7 +16,7 @@ import zenoh
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.interface import LearnerUnreachableError, WeightsGoneError
-from lndrl.transport.keys import PING, VALIDATION, WEIGHTS
+from lndrl.transport.keys import PING, TESTED, VALIDATION, WEIGHTS
 from lndrl.transport.messages import (
     PROTOCOL_VERSION,
     Ack,
@@ -81,7 +81,7 @@ class ZenohEvaluator:
         """The weights of ``version``, checked against their digest."""
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0 and not self._closed.is_set():
-            sample = self._query(WEIGHTS, str(version).encode(), left)
+            sample = self._query(WEIGHTS, f"{TESTED}{version}".encode(), left)
             if sample is None or sample.attachment is None:
                 self._check_size()
                 self._closed.wait(min(REST, left))

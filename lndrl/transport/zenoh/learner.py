@@ -22,6 +22,7 @@ from lndrl.transport.keys import (
     HELLO,
     PING,
     STATUS,
+    TESTED,
     UPLOAD,
     VALIDATION,
     WEIGHTS,
@@ -59,7 +60,7 @@ class ZenohLearner:
         self._uploads = UploadQueue[zenoh.Query]()
         self._news = threading.Event()
         self._entities: list[Any] = []
-        self._payload: tuple[int, zenoh.ZBytes] | None = None
+        self._payload: tuple[str, zenoh.ZBytes] | None = None
         if config.router:
             self._session = _join(config, security or Security("learner"))
         else:
@@ -96,9 +97,9 @@ class ZenohLearner:
         session.run("uploads", self._take_uploads)
         session.run("announcer", self._announce)
 
-    def publish_weights(self, version: int, blob: bytes) -> None:
+    def publish_weights(self, version: int, blob: bytes, tested: bytes | None = None) -> None:
         """Offer weights; the announcement leaves on another thread."""
-        self._desk.put_weights(version, blob)
+        self._desk.put_weights(version, blob, tested)
         self._news.set()
 
     def publish_status(self, snapshot: dict[str, Any], history: list[dict[str, Any]]) -> None:
@@ -158,17 +159,19 @@ class ZenohLearner:
             if str(query.key_expr) != WEIGHTS:
                 return  # whoever asks everything there is does not want megabytes
             wanted = _bytes(query)[:20].decode("ascii", "replace")
+            tests = wanted.startswith(TESTED)
+            wanted = wanted.removeprefix(TESTED)
             # What is no number asks for no version: its answer would be megabytes for nothing.
             number = int(wanted) if wanted.isdecimal() else NO_WEIGHTS
             version = number if wanted else None
-            found = self._desk.weights(version)
+            found = self._desk.tested(number) if tests else self._desk.weights(version)
             if found is None:
                 newest = encode(self._desk.announcement())
                 query.reply(WEIGHTS, b"", attachment=newest)
                 return
             announcement, blob = found
-            if self._payload is None or self._payload[0] != announcement.version:
-                self._payload = (announcement.version, zenoh.ZBytes(blob))
+            if self._payload is None or self._payload[0] != announcement.digest:
+                self._payload = (announcement.digest, zenoh.ZBytes(blob))
             query.reply(WEIGHTS, self._payload[1], attachment=encode(announcement))
 
     def _on_announce(self, query: zenoh.Query) -> None:

@@ -11,7 +11,7 @@ import torch
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.losses import teacher_divergence
 from learner.ppo.stage import GUIDED, IMITATION, REINFORCEMENT, Stage
-from learner.ppo.update import PPO, DivergedError
+from learner.ppo.update import PPO
 from lndrl.policy import prepare
 from tests.learner.helpers_learner import random_trajectory, small_config
 
@@ -141,10 +141,22 @@ def test_states_without_a_label_hold_nothing(trainer, dense: bool) -> None:
     assert figures["gradient_norm_policy"] < 1e3
 
 
-def test_imitation_without_any_label_is_no_update(trainer) -> None:
-    ppo = trainer()
-    with pytest.raises(DivergedError, match="no state of the batch has a label"):
-        ppo.update(batch_of(ppo, taught=False), 0.0, IMITATING)
+@pytest.mark.parametrize("joint", [False, True])
+@pytest.mark.parametrize("dense", [False, True])
+def test_imitation_without_any_label_trains_the_value_network_alone(
+    trainer, dense: bool, joint: bool
+) -> None:
+    """As after a step back in a run whose actors were beyond imitation: it must not end there."""
+    ppo = trainer(dense, ppo={"joint_gradient_norm": joint})
+    before = [{k: v.clone() for k, v in n.state_dict().items()} for n in (ppo.policy, ppo.value)]
+    figures = ppo.update(batch_of(ppo, taught=False), 0.0, IMITATING)
+    changed = [
+        any(not torch.equal(v, old[k]) for k, v in n.state_dict().items())
+        for n, old in zip((ppo.policy, ppo.value), before, strict=True)
+    ]
+    assert changed == [False, True]
+    assert "teacher_kl" not in figures and np.isfinite(list(figures.values())).all()
+    assert "teacher_kl" in ppo.update(batch_of(ppo), 0.0, IMITATING)
 
 
 def test_the_memory_ends_with_imitation(trainer) -> None:

@@ -6,10 +6,12 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.lessons import Lessons
 from learner.ppo.mirror import mirrored_actions
+from lndrl.errors import UserError
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 CONFIG = small_config(ppo={"teacher": "predictive"}, imitation={"memory": 40, "mirror": False})
@@ -82,3 +84,10 @@ def test_every_other_state_is_mirrored() -> None:
         rows = drawn.teacher[i], batch.teacher[number - 1]
         np.testing.assert_array_equal(rows[0], rows[1][images] if i % 2 == 0 else rows[1])
     np.testing.assert_array_equal(lessons.draw(4, np.random.default_rng(1)).taught, 1.0)
+
+
+@pytest.mark.parametrize("memory", [10**11, 2**53])
+def test_a_memory_beyond_that_of_any_machine_is_refused_in_a_sentence(memory: int) -> None:
+    config = small_config(ppo={"teacher": "predictive"}, imitation={"memory": memory})
+    with pytest.raises(UserError, match=r"imitation\.memory .*; lower it"):
+        Lessons(config)

@@ -118,6 +118,17 @@ def test_another_network_is_named(trained, tmp_path: Path) -> None:
         load_checkpoint(path, other)
 
 
+def test_another_network_is_named_where_a_file_of_its_own_holds_what_is_trained(
+    trained, tmp_path: Path
+) -> None:
+    averaging = {"learner": {"average": 0.9}}
+    path = save_checkpoint(tmp_path, trained(small_config(**averaging), 1), Counters(), BOOKS, 3)
+    other = trained(small_config(network={"layer_norm": True}, **averaging), 0)
+    sentence = r"trained with no layer norm; this configuration has a layer norm"
+    with pytest.raises(UserError, match=sentence):
+        load_checkpoint(path, other)
+
+
 def test_find_checkpoint_names_what_there_is(trained, tmp_path: Path) -> None:
     config = small_config()
     with pytest.raises(UserError, match="holds no checkpoint"):

@@ -200,17 +200,39 @@ def test_evaluators_do_not_do_the_same_work(start, monkeypatch) -> None:
     assert run.ask(dataclasses.replace(HELLO, ready=False)).version == NO_WEIGHTS, "it rests"
 
 
-def test_only_few_versions_are_held_for_those_who_never_answer(start) -> None:
-    run = start()
-    tasks = []
-    for number in range(5):
-        run.publish(number + 1)
-        tasks.append(run.ask(dataclasses.replace(HELLO, evaluator_id=f"evaluator-{number}")))
-    results = [
-        dataclasses.replace(run.result(task, 3), evaluator_id=f"evaluator-{number}")
-        for number, task in enumerate(tasks)
-    ]
-    assert [run.tell(each) for each in results] == ["stale"] * 3 + ["accepted"] * 2
+def evaluators(count: int) -> list[EvaluatorHello]:
+    return [dataclasses.replace(HELLO, evaluator_id=f"evaluator-{k}") for k in range(count)]
+
+
+def test_of_many_evaluators_some_wait_and_no_work_is_lost(start) -> None:
+    run, hellos = start(), evaluators(3)
+    tasks: dict[str, ValidationTask] = {}
+    answers = []
+    for version in range(1, 10):
+        run.publish(version)
+        hello = hellos[version % 3]
+        held = tasks.pop(hello.evaluator_id, None)
+        if held is not None:
+            result = run.result(held, 3)
+            answers.append(run.tell(dataclasses.replace(result, evaluator_id=hello.evaluator_id)))
+        task = run.ask(hello)
+        if task.version != NO_WEIGHTS:
+            tasks[hello.evaluator_id] = task
+        assert len(run.validation._handed) <= 2, "30 MB each"
+    assert len(answers) >= 4 and set(answers) == {"accepted"}
+
+
+def test_those_who_never_answer_are_given_up(start, monkeypatch) -> None:
+    run, (first, second, third) = start(), evaluators(3)
+    run.publish(1)
+    forgotten = run.result(run.ask(first), 3)
+    run.publish(2)
+    assert run.ask(second).version == 2
+    run.publish(3)
+    assert run.ask(third).version == NO_WEIGHTS
+    monkeypatch.setattr("learner.run.validation._GIVEN_UP", -1.0)
+    assert run.ask(third).version == 3
+    assert run.tell(forgotten) == "stale"
 
 
 @pytest.mark.parametrize("change", [{"program_version": "0.0.1"}, {"protocol": 99}])
@@ -257,6 +279,25 @@ def test_the_best_holds_the_weights_that_were_validated(start) -> None:
     kept = load(read_policy(run.learner.folder.path).weights)
     for name, tensor in load(weights).items():
         assert (kept[name] == tensor).all(), name
+
+
+def test_the_average_is_validated_and_kept_where_actors_act_on_what_is_trained(start) -> None:
+    from safetensors.torch import load
+
+    run = start(config=small(average=0.9))
+    ppo = run.learner.ppo
+    with __import__("torch").no_grad():
+        next(ppo.policy.parameters()).add_(1.0)
+    assert run.validate(1, 10) == "accepted"
+    fetched = run.evaluator.fetch(1)
+    acted_on = run.network.desk.weights(1)[1]
+    for blob, network in (
+        (fetched, ppo.average.network),
+        (read_policy(run.learner.folder.path).weights, ppo.average.network),
+        (acted_on, ppo.policy),
+    ):
+        tensors = load(blob)
+        assert all((tensors[name] == t).all() for name, t in network.state_dict().items())
 
 
 def test_keeping_few_checkpoints_never_deletes_the_best(start) -> None:

@@ -112,6 +112,17 @@ def test_it_asks_fetches_and_reports(place: Place) -> None:
     assert evaluator.ask(HELLO, 20).done
 
 
+def test_it_gets_what_is_tested_where_actors_act_on_other_weights(place: Place) -> None:
+    learner, evaluator = place.learner(), place.evaluator()
+    learner.publish_weights(7, b"acting", b"tested" * 9)
+    assert evaluator.fetch(7, 20) == b"tested" * 9
+    learner.publish_weights(8, b"both")
+    assert [evaluator.fetch(version, 20) for version in (8, 7)] == [b"both", b"tested" * 9]
+    learner.publish_weights(9, b"acting", b"tested")
+    learner.publish_weights(9, b"both again")
+    assert evaluator.fetch(9, 20) == b"both again"
+
+
 def test_versions_that_are_gone_are_said_to_be(place: Place) -> None:
     learner, evaluator = place.learner(), place.evaluator()
     for version in (1, 2, 3):
