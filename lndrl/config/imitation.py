@@ -31,10 +31,10 @@ class ImitationConfig(Model):
         100_000, description="newest states that are imitated; about 1.9 kB each in the learner"
     )
     temperature: Positive = Field(
-        0.4, description="of the softmax over the teacher's costs, at first"
+        0.4, ge=0.001, description="of the softmax over the teacher's costs, at first"
     )
     final_temperature: Positive = Field(
-        0.1, description="the same at the end of imitation, and from then on"
+        0.1, ge=0.001, description="the same at the end of imitation, and from then on"
     )
     mirror: bool = Field(
         True, description="half of the states are imitated as their mirror images, left for right"
