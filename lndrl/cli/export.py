@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.notes import say_origin
 from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.signals import telling
 from lndrl.errors import UserError
@@ -39,12 +40,13 @@ def export(
     """Write a policy as an ONNX file that a robot runs without lndrl, and its contract."""
     _check(out)
     trust(trust_modules)
-    from lndrl.policy import load_policy
+    from lndrl.policy import read_policy
     from lndrl.policy.export import check_installed, export_policy
 
     check_installed()
-    config, weights = load_policy(policy)
-    exported = export_policy(config, weights, policy, observations)
+    found = read_policy(policy)
+    say_origin(policy, found.origin, found.temperature)
+    exported = export_policy(found.config, found.weights, policy, observations)
     try:
         exported.write(out)
     except OSError as error:

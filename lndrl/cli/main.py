@@ -142,7 +142,9 @@ def run(arguments: Sequence[str]) -> int:
         return _refuse("lndrl", str(error))
     except typer.TyperException as error:
         command = getattr(getattr(error, "ctx", None), "command_path", "lndrl")
-        return _refuse(command, error.format_message())
+        if not (words := error.format_message()):  # of a group without a command: its help is shown
+            return 2
+        return _refuse(command, words)
     except (KeyboardInterrupt, typer.Abort):
         return 128 + signal.SIGINT
     except RuntimeError as error:

@@ -17,14 +17,17 @@ def say_notes(notes: Iterable[str]) -> None:
 
 
 def say_origins(sources: Iterable[PlannerSource], greedy: bool = False) -> None:
-    """Say of each policy where it comes from, and what it is sampled at unless that is 1."""
-    for line in dict.fromkeys(_origin(each, greedy) for each in sources):
-        if line:
-            print(line, file=sys.stderr)
+    """``say_origin`` of each policy, once; temperatures play no role where it is ``greedy``."""
+    for name, origin, temperature in dict.fromkeys(
+        (each.name, each.origin, 1.0 if greedy else each.temperature) for each in sources
+    ):
+        say_origin(name, origin, temperature)
 
 
-def _origin(source: PlannerSource, greedy: bool) -> str:
-    said = [source.origin] if source.origin else []
-    if source.temperature != 1.0 and not greedy:
-        said.append(f"sampled at temperature {source.temperature:g}")
-    return f"{source.name}: {', '.join(said)}" if said else ""
+def say_origin(name: str, origin: str, temperature: float = 1.0) -> None:
+    """Say where a policy comes from, and what it is sampled at unless that is 1."""
+    said = [origin] if origin else []
+    if temperature != 1.0:
+        said.append(f"sampled at temperature {temperature:g}")
+    if said:
+        print(f"{name}: {', '.join(said)}", file=sys.stderr)

@@ -55,8 +55,9 @@ def walk_words(snapshot: WorldSnapshot) -> str:
     off = np.hypot(*(snapshot.pose_estimated[:2] - snapshot.pose_true[:2]))
     near = np.linalg.norm(snapshot.pedestrian_position - snapshot.pose_true[:2], axis=1)
     people = int((near < 3.0).sum())
+    noun = "person" if people == 1 else "people"
     return (
-        f"{snapshot.time:5.1f} s, {to_goal:4.1f} m to the goal, {people} people within 3 m, "
+        f"{snapshot.time:5.1f} s, {to_goal:4.1f} m to the goal, {people} {noun} within 3 m, "
         f"belief {off:.2f} m off"
     )
 

@@ -128,6 +128,8 @@ def _told_what_is_awaited(draw: Show, play: Play | None = None) -> Iterator[Show
                 meanwhile.close()
                 waiting.close()
             if snapshot.steps or not words:
+                if play is not None:
+                    waiting.close()  # two that redraw one terminal write into each other
                 draw(snapshot)
 
         with kernels.told(report):

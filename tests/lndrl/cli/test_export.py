@@ -34,6 +34,7 @@ def test_a_run_becomes_two_files(
 ) -> None:
     assert run(["export", f"runs/r/{below}", "--out", "p.onnx", "--observations", "20"]) == 0
     out, err = capsys.readouterr()
+    assert err.startswith(f"runs/r/{below}: newest checkpoint, step 1,234")
     size = Path("p.onnx").stat().st_size
     assert f"p.onnx: the policy after 1,234 steps, {size / 1e6:.1f} MB, opset 18; " in out
     assert "round trip: 20 observations met in room, largest difference" in out

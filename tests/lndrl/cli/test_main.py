@@ -255,3 +255,10 @@ def test_signals_end_a_process_without_a_traceback(number: int, code: int) -> No
     _, error = process.communicate(timeout=120)
     assert process.returncode == code
     assert "Traceback" not in error
+
+
+@pytest.mark.parametrize("group", ["config", "ship"])
+def test_a_group_without_a_command_shows_its_help_and_nothing_else(group: str, capsys) -> None:
+    assert command_line.run([group]) == 2
+    out, err = capsys.readouterr()
+    assert "Commands" in out + err and f"lndrl {group}:" not in err

@@ -74,3 +74,11 @@ def test_words_and_legend_fit_into_80_columns(world: World) -> None:
         assert cell_len(walk_legend(colours).plain) <= 80
     assert "R robot" in walk_legend(False).plain
     assert walk_words(world(people=0)).startswith("  4.0 s,")
+
+
+def test_one_person_is_no_people(world: World) -> None:
+    shown = world(people=1)
+    near = replace(shown, pedestrian_position=shown.pose_true[None, :2] + 1.0)
+    far = replace(shown, pedestrian_position=shown.pose_true[None, :2] + 3.0)
+    assert ", 1 person within 3 m" in walk_words(near)
+    assert ", 0 people within 3 m" in walk_words(far)

@@ -40,7 +40,9 @@ def test_without_a_terminal_it_tells_the_walk_in_lines(room: str, capsys) -> Non
     assert run(["demo", "--scenario", room]) == 0
     out, err = capsys.readouterr()
     *lines, end = out.splitlines()
-    assert re.match(r"  0\.0 s, +\d\.\d m to the goal, \d people within 3 m, belief", lines[0])
+    assert re.match(
+        r"  0\.0 s, +\d\.\d m to the goal, \d (person|people) within 3 m, belief", lines[0]
+    )
     assert all(len(line) <= 80 for line in lines)
     assert re.match(r"(arrived|touched|got lost|ran out of time).* after \d+\.\d s", end)
     assert "loading the policy and its world" in err
@@ -64,6 +66,31 @@ def test_on_a_terminal_every_step_is_a_picture(
     assert "▀" in drawn.getvalue() and "where it believes to be" in drawn.getvalue()
     assert drawn.getvalue().count("m to the goal") > 2
     assert " after " in capsys.readouterr().out
+
+
+def test_no_line_is_drawn_beside_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    moments, _ = recorded_walk(WALK_FILE)
+    lines: list[str] = []
+
+    class Line:
+        def __enter__(self) -> Line:
+            lines.append("begun")
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            lines.append("over")
+
+        def update(self, words: str) -> None:
+            lines.append(words)
+
+    @contextmanager
+    def play(words: Callable[[], str]) -> Iterator[None]:
+        yield
+
+    monkeypatch.setattr("lndrl.view.progress.StatusLine", Line)
+    with demo_module._told_what_is_awaited(lambda _: lines.append("picture"), play) as show:
+        show(moments[0])
+    assert lines == ["begun", "loading the policy and its world", "over", "picture"]
 
 
 def test_a_recorded_walk_is_played_while_kernels_compile_and_no_longer() -> None:
