@@ -112,14 +112,16 @@ def _weights(card: Card) -> str:
     if not card.weights:
         return "Nothing is known yet."
     w, t = card.weights, card.trained
+    norm = " with a layer norm in its trunk" if t["changed"].get("network.layer_norm") else ""
     changed = "; ".join(f"`{key}: {_short(value)}`" for key, value in t["changed"].items())
     return "\n".join(
         (
             "| | |",
             "|---|---|",
             f"| file | {w['bytes']:,} bytes, SHA-256 `{w['sha256'][:16]}…` |",
-            f"| network | the paper's, {w['parameters']:,} parameters, kept as {w['precision']} |",
-            f"| trained in | {t['scenario']}, {t['steps']:,} control steps, {t['updates']:,} "
+            f"| network | the paper's{norm}, {w['parameters']:,} parameters, kept as "
+            f"{w['precision']} |",
+            f"| trained in, last | {t['scenario']}, {t['steps']:,} control steps, {t['updates']:,} "
             f"updates, seed {t['seed']} |",
             f"| sampled at temperature | {w.get('temperature', 1.0):g} |",
             f"| configuration | `{t['config_hash']}` |",

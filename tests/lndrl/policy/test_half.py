@@ -25,6 +25,8 @@ from lndrl.policy.shipped import (
 from lndrl.policy.weights import to_bytes
 
 ROOT = Path(__file__).resolve().parents[3]
+SHIPPED_PARAMETERS = 7_615_804 + 2 * 512
+"""The paper's network, and a scale and an offset for each of its trunk's 512 units."""
 SMALL = {"map_channels": [2, 2, 2], "features": 8, "goal_features": 4}
 
 
@@ -91,7 +93,7 @@ def test_a_file_in_half_precision_is_loaded_and_acts_alike(
 
 def test_the_shipped_policy_is_small_enough_and_the_papers_network() -> None:
     blob = SHIPPED_FILE.read_bytes()
-    assert len(blob) <= LARGEST_FILE and parameters_in(blob) == 7_615_804
+    assert len(blob) <= LARGEST_FILE and parameters_in(blob) == SHIPPED_PARAMETERS
     assert {tensor.dtype for tensor in load(blob).values()} == {torch.float16}
     config, weights = load_policy("shipped")
     assert config == load_policy(SHIPPED_FILE)[0] and weights == load_policy(Path("shipped"))[1]
@@ -114,5 +116,5 @@ def test_a_folder_of_that_name_is_reached_as_a_path(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "shipped").mkdir()
     (tmp_path / "shipped" / "policy.safetensors").write_bytes(blob)
-    assert parameters_in(load_policy("shipped")[1]) == 7_615_804
+    assert parameters_in(load_policy("shipped")[1]) == SHIPPED_PARAMETERS
     assert load_policy("./shipped")[1] == blob

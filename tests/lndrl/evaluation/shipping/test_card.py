@@ -49,7 +49,7 @@ def test_the_blocks_are_filled_and_the_rest_is_kept() -> None:
     page = render(PAGE, card())
     assert page.startswith("before\n") and page.endswith("<!-- end -->\nafter\n")
     assert "old" not in page and "between" in page
-    assert "| trained in | hybrid, 5,120 control steps, 3 updates, seed 1 |" in page
+    assert "| trained in, last | hybrid, 5,120 control steps, 3 updates, seed 1 |" in page
     (changed,) = (line for line in page.splitlines() if "other than in `lndrl.yaml`" in line)
     assert set(changed.split(" | ")[1].removesuffix(" |").split("; ")) == {
         "`learner.total_steps: 5000`",
