@@ -30,7 +30,7 @@ from lndrl.transport import (
 )
 from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD, WEIGHTS
 from lndrl.transport.ledger import Entry
-from lndrl.transport.messages import decode
+from lndrl.transport.messages import decode, digest
 from lndrl.transport.security.identity import Security
 from lndrl.transport.zenoh.session import ZenohSession, open_connecting
 
@@ -374,6 +374,6 @@ def test_a_truncated_blob_is_noticed(opened):
     learner = opened(open_learner(config))
     actor = joined(opened, config, CountingHandlers(), learner)
     learner.publish_weights(1, b"right")
-    learner._payload = (1, zenoh.ZBytes(b"wrong"))
+    learner._payload = (digest(b"right"), zenoh.ZBytes(b"wrong"))
     with pytest.raises(MessageError, match="damaged"):
         actor.fetch(timeout=PATIENCE)
