@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 from lndrl.config import RunConfig
 from lndrl.policy import Guidance
-
-IMITATION, GUIDED, REINFORCEMENT = PHASES = "imitation", "guided", "reinforcement"
-"""What the policy is trained by: the teacher's costs alone; PPO, held to the teacher; PPO."""
+from lndrl.transport.status import GUIDED, IMITATION, REINFORCEMENT
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from learner.ppo.losses import explained_variance, policy_loss, teacher_divergen
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.schedules import entropy_weight
-from learner.ppo.stage import IMITATION, Stage
+from learner.ppo.stage import Stage
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
@@ -36,6 +36,7 @@ from lndrl.policy import (
     resolve_device,
     supports_sparse,
 )
+from lndrl.transport.status import IMITATION
 
 __all__ = ["PPO", "DivergedError"]
 

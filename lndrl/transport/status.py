@@ -35,6 +35,8 @@ LEARNER_ACTIVITIES = ("update", "ingest", "publish", "checkpoint", "wait", "othe
 ACTOR_ACTIVITIES = ("simulate", "infer", "upload", "fetch", "wait", "other")
 """Where an actor's time goes. ``upload`` packs and hands over, ``fetch`` gets and loads weights,
 ``wait`` is for room at the learner or for weights, ``other`` is the loop around it all."""
+IMITATION, GUIDED, REINFORCEMENT = "imitation", "guided", "reinforcement"
+"""What a policy is trained by: a teacher's costs alone; PPO, held to the teacher; PPO."""
 WORK = frozenset({"update", "simulate", "infer"})
 """What a busy process is there for; its other time is overhead."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lndrl.transport.status import Status
+from lndrl.transport.status import IMITATION, Status
 from lndrl.view.text import number
 
 LABELS = {
@@ -49,9 +49,6 @@ OF_A_TEACHER = ("teacher_kl", "teacher_agreement")
 
 SETTLED = 10
 """Updates until a value network may be expected to explain anything."""
-
-
-IMITATION = "imitation"
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from rich.text import Text
 from lndrl.numbering import by_number
 from lndrl.transport.status import (
     ACTOR_ACTIVITIES,
+    IMITATION,
     LEARNER_ACTIVITIES,
     ActorStatus,
     HistoryRow,
     Status,
 )
 from lndrl.view.dashboard.health import (
-    IMITATION,
     LABELS,
     OF_A_TEACHER,
     SHORT_LABELS,

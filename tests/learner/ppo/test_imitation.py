@@ -10,9 +10,10 @@ import torch
 
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.losses import teacher_divergence
-from learner.ppo.stage import GUIDED, IMITATION, REINFORCEMENT, Stage
+from learner.ppo.stage import Stage
 from learner.ppo.update import PPO
 from lndrl.policy import prepare
+from lndrl.transport.status import GUIDED, IMITATION, REINFORCEMENT
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 IMITATING = Stage(IMITATION, temperature=0.5)

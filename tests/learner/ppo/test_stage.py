@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from learner.ppo.stage import GUIDED, IMITATION, REINFORCEMENT, Stage, stage_of
+from learner.ppo.stage import Stage, stage_of
 from lndrl.policy import Guidance
+from lndrl.transport.status import GUIDED, IMITATION, REINFORCEMENT
 from tests.learner.helpers_learner import small_config
 
 PLAN = {
