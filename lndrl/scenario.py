@@ -1,8 +1,9 @@
 """A scenario: a place, who walks there, and where the robot starts and goes.
 
 YAML under ``configs/scenarios/``. Metres, map frame; boxes are ``[x_min, y_min, x_max, y_max]``.
-Three kinds of place: ``geometry`` lists its obstacles (origin at the lower left corner), ``map``
-names a ROS map (the map's own frame), ``random`` stands for endless generated layouts.
+Kinds of place: ``geometry`` lists its obstacles (origin at the lower left corner), ``map`` names a
+ROS map (the map's own frame), ``random`` stands for endless generated layouts, ``mixed`` for several
+places, among which worlds move.
 """
 
 from __future__ import annotations
@@ -115,6 +116,13 @@ class Mix(Model):
         return self
 
 
+Stay = Annotated[
+    Count,
+    LATER,
+    Field(description="episodes that a world spends in one layout before it moves to another"),
+]
+
+
 class RandomLayouts(Model):
     """Which layouts a ``random`` scenario stands for."""
 
@@ -127,6 +135,7 @@ class RandomLayouts(Model):
     settings: Annotated[PartSettings, LATER] = Field(
         default_factory=dict, description="keyword arguments of a class of your own"
     )
+    episodes: Stay = 50
 
     @model_validator(mode="after")
     def _own_is_whole(self) -> RandomLayouts:
@@ -137,16 +146,32 @@ class RandomLayouts(Model):
         return self
 
 
+class Part(Model):
+    """One of the places of a mixture."""
+
+    scenario: Scenario = Field(description="a place: its name, a YAML file, or keys; not mixed")
+    weight: float = Field(1.0, gt=0, description="relative share of the layouts")
+
+
+class Mixture(Model):
+    """Which places a ``mixed`` scenario stands for."""
+
+    places: list[Part] = Field(min_length=1, description="the places, and how much of each")
+    seed: int = Field(1, ge=0, description="another seed, other layouts of each place")
+    layouts: Count = Field(1000, description="how many draws of a place worlds are spread over")
+    episodes: Stay = 50
+
+
 class Scenario(Model):
     """A place to navigate; ``kind`` decides which of the fields it may have."""
 
     name: str = Field(description="what tables and pictures call the place")
     description: str = Field("", description="one line that lndrl scenarios shows")
     version: int = Field(0, ge=0, description="raised when a place that results name changes")
-    kind: Literal["geometry", "map", "random"] = Field(
+    kind: Literal["geometry", "map", "random", "mixed"] = Field(
         "geometry",
         description="geometry lists its obstacles, map names a ROS map, random stands for endless "
-        "generated layouts",
+        "generated layouts, mixed for several places",
     )
     size: Point = Field((0.0, 0.0), description="width and height (m); a map has its own")
     resolution: float = Field(0.05, gt=0, le=0.5, description="grid cell (m); a map has its own")
@@ -162,6 +187,7 @@ class Scenario(Model):
         "are to be found on. Default: the largest floor",
     )
     random: RandomLayouts | None = Field(None, description="of kind random; default: all defaults")
+    mixed: Annotated[Mixture | None, LATER] = Field(None, description="of kind mixed: its places")
     pedestrians: Pedestrians = Field(Pedestrians(), description="who walks there")
     robot: list[RobotTask] = Field(
         default_factory=list,
@@ -176,8 +202,20 @@ class Scenario(Model):
 
     @property
     def map_notes(self) -> tuple[str, ...]:
-        """What the map's owner should know of how it was read; nothing of other kinds."""
-        return tuple(self.cells.notes) if self.cells is not None else ()
+        """What a map's owner should know of how it was read; nothing of other kinds."""
+        return tuple(note for s in self.parts for note in (s.cells.notes if s.cells else ()))
+
+    @property
+    def parts(self) -> tuple[Scenario, ...]:
+        """The places that it stands for: those of a mixture, else itself."""
+        return tuple(part.scenario for part in self.mixed.places) if self.mixed else (self,)
+
+    @property
+    def layouts(self) -> RandomLayouts | Mixture | None:
+        """How worlds move among its layouts; None for a scenario that has but one."""
+        if self.kind == "random":
+            return self.random or RandomLayouts()
+        return self.mixed
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Scenario:
@@ -188,6 +226,8 @@ class Scenario(Model):
             raise ValueError("inside needs kind: map; it chooses a floor of a map")
         if self.kind != "random" and self.random is not None:
             raise ValueError("random needs kind: random")
+        if self.kind != "mixed" and self.mixed is not None:
+            raise ValueError("mixed needs kind: mixed")
         limits = self.start_goal_distance
         if limits is not None and not 0 <= limits[0] <= limits[1]:
             raise ValueError(f"start_goal_distance {list(limits)} must be [least, most]")
@@ -216,6 +256,19 @@ class Scenario(Model):
             raise ValueError(
                 "obstacles, robot and pedestrians.routes are generated; leave them out"
             )
+
+    def _check_mixed(self) -> None:
+        if self.mixed is None:
+            raise ValueError("mixed is missing; name its places, e.g. mixed: {places: [...]}")
+        for part in self.mixed.places:
+            if part.scenario.kind == "mixed":
+                raise ValueError(
+                    f"mixed.places: {part.scenario.name} is mixed itself; name its places instead"
+                )
+        plain = Scenario.model_construct()
+        for name in ("size", "obstacles", "robot", "pedestrians", "start_goal_distance"):
+            if getattr(self, name) != getattr(plain, name):
+                raise ValueError(f"{name} belongs to each of mixed.places; leave it out here")
 
     def _check_size(self) -> None:
         if min(self.size) <= 0:

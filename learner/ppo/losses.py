@@ -13,6 +13,10 @@ import torch
 from torch import Tensor
 
 
+WORST = 10.0
+"""Cost beyond which an action is simply wrong: a metre of the way, in the planners' units."""
+
+
 @dataclass(frozen=True)
 class PolicyLoss:
     """Scalars of one minibatch; ``total`` carries the gradient."""
@@ -80,6 +84,16 @@ def teacher_divergence(
         chosen = logits.argmax(1, keepdim=True)
         agrees = (cost.gather(1, chosen).squeeze(1) <= cost.amin(1)).float()
     return divergence, agrees
+
+
+def expected_regret(logits: Tensor, cost: Tensor) -> Tensor:
+    """What the policy's actions cost above the cheapest on average, each at most WORST; (N,).
+
+    ``logits`` and ``cost`` (N, actions), the latter above the cheapest. A divergence minds how
+    likely a wrong action is, this how wrong it is (Ross and Bagnell 2014, "Reinforcement and
+    imitation learning via interactive no-regret learning").
+    """
+    return (torch.softmax(logits, dim=1) * cost.float().clamp(max=WORST)).sum(1)
 
 
 def value_loss(value: Tensor, target: Tensor, weight: float) -> Tensor:

@@ -20,7 +20,13 @@ from torch import Tensor
 from learner.ppo.average import Average
 from learner.ppo.batch import Batch, batch_advantages
 from learner.ppo.lessons import Lessons
-from learner.ppo.losses import explained_variance, policy_loss, teacher_divergence, value_loss
+from learner.ppo.losses import (
+    expected_regret,
+    explained_variance,
+    policy_loss,
+    teacher_divergence,
+    value_loss,
+)
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.schedules import entropy_weight
@@ -350,7 +356,9 @@ class PPO:
             entropy = -(log_probabilities.exp() * log_probabilities).sum(1).mean()
             total, none = divergence.mean(), torch.zeros((), device=logits.device)
             found = (total.detach(), entropy, none, none, none + 1.0)
-            return total, (*found, total.detach(), agrees.mean())
+            if self.config.imitation.regret > 0.0:
+                total = total + self.config.imitation.regret * expected_regret(logits, cost).mean()
+            return total, (*found, divergence.mean().detach(), agrees.mean())
         loss = policy_loss(
             logits,
             samples.action.index_select(0, rows),

@@ -27,9 +27,10 @@ from torch import Tensor
 from learner.ppo.adam import Adam
 from learner.ppo.update import PPO
 from learner.run.privilege import widened_moments, widened_value
+from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.numbering import checkpoint_name, checkpoints_in, step_of
-from lndrl.policy import POLICY_FILE, load_into, policy_metadata, to_bytes
+from lndrl.policy import POLICY_FILE, load_into, policy_metadata, read_policy, to_bytes
 
 VALUE_FILE = "value.safetensors"
 OPTIMIZER_FILE = "optimizer.safetensors"
@@ -160,15 +161,21 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
 
 def start_from(run: Path, ppo: PPO) -> Path:
     """Give ``ppo`` networks and optimizers of another run's newest checkpoint, or of ``run`` itself
-    where it is a checkpoint.
+    where it is a checkpoint. Of a policy file, or ``shipped``, it gets the policy alone.
 
-    Returns the checkpoint; raises UserError when there is none or it is of another network.
+    Returns what it was; raises UserError when there is none or it is of another network.
     """
+    if run == Path(SHIPPED_POLICY) or run.is_file():
+        policy = read_policy(run)
+        load_into(ppo.policy, policy.weights, str(run), ppo.config)
+        if ppo.average is not None:
+            load_into(ppo.average.network, policy.weights, str(run), ppo.config)
+        return run
     known = [run] if (run / STATE_FILE).is_file() else checkpoints_in(run / "checkpoints")
     if not known:
         raise UserError(
-            f"learner.start: {run} holds no checkpoint; name the folder of a run, or one of its "
-            "checkpoints/step-..."
+            f"learner.start: {run} holds no checkpoint; name the folder of a run, one of its "
+            f"checkpoints/step-..., a policy file or {SHIPPED_POLICY}"
         )
     order = ppo.rng.bit_generator.state
     load_checkpoint(known[-1], ppo)

@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from lndrl.extensions import PartSettings
-from lndrl.models import MOST, Count, Model, NonNegative, Positive
+from lndrl.models import LATER, MOST, Count, Model, NonNegative, Positive
 
 
 class ImitationConfig(Model):
@@ -35,6 +35,11 @@ class ImitationConfig(Model):
     )
     final_temperature: Positive = Field(
         0.1, ge=0.001, description="the same at the end of imitation, and from then on"
+    )
+    regret: Annotated[NonNegative, LATER] = Field(
+        0.0,
+        description="weight, beside the divergence from the teacher, of what the policy's actions "
+        "cost above the cheapest: not how likely a wrong one is, but how wrong",
     )
     mirror: bool = Field(
         True, description="half of the states are imitated as their mirror images, left for right"

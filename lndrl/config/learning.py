@@ -187,7 +187,7 @@ class LearnerConfig(Model):
     start: str | None = Field(
         None,
         description="folder of a run whose newest networks and optimizers this one begins with, or "
-        "of one of its checkpoints",
+        "of one of its checkpoints; a policy file, or shipped, gives the policy alone",
     )
     average: Annotated[float, Field(ge=0, lt=1), LATER] = Field(
         0.0,

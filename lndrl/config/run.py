@@ -170,6 +170,7 @@ def load_scenario(name: str, beside: Path | None = None) -> Scenario:
     data = load_yaml(path)
     if "image" in data:
         data = _scenario_of_map(data, path)
+    _resolve_places(data, path, str(path))
     return _with_map(validate(Scenario, data, str(path)), path)
 
 
@@ -186,7 +187,14 @@ def _scenario_of_map(data: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _with_map(scenario: Scenario, path: Path) -> Scenario:
-    """``scenario`` with its map read; a relative path is relative to the file ``path``."""
+    """``scenario`` with its maps read; a relative path is relative to the file ``path``."""
+    if scenario.mixed is not None:
+        places = [
+            part.model_copy(update={"scenario": _with_map(part.scenario, path)})
+            for part in scenario.mixed.places
+        ]
+        mixed = scenario.mixed.model_copy(update={"places": places})
+        return scenario.model_copy(update={"mixed": mixed})
     if scenario.kind != "map" or scenario.cells is not None:
         return scenario
     from lndrl.maps.embedded import with_map  # brings numba along
@@ -212,10 +220,23 @@ def load_config(named: Path | str, overrides: list[str] | tuple[str, ...] = ()) 
             _resolve_scenario(data, path, where)  # its keys can be set once they are there
         _apply(data, override)
     _resolve_scenario(data, path, where)
+    _resolve_places(data.get("scenario"), path, where)
     if data.get("scenario") is None:
         raise UserError(f"{where}: scenario is missing; name one, e.g. scenario: hybrid")
     config = validate(RunConfig, data, where)
     return config.model_copy(update={"scenario": _with_map(config.scenario, path)})
+
+
+def _resolve_places(scenario: Any, path: Path, where: str) -> None:
+    """Put what the names of a mixture's places stand for in their place."""
+    mixed = scenario.get("mixed") if isinstance(scenario, dict) else None
+    places = mixed.get("places") if isinstance(mixed, dict) else None
+    for part in places if isinstance(places, list) else ():
+        if isinstance(part, dict) and isinstance(part.get("scenario"), str):
+            try:
+                part["scenario"] = load_scenario(part["scenario"], path.parent).model_dump()
+            except UserError as error:
+                raise UserError(f"{where}: {error}") from None
 
 
 def _resolve_scenario(data: dict[str, Any], path: Path, where: str) -> None:

@@ -26,12 +26,8 @@ from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import Place, World, layout_number
 
-EPISODES_PER_LAYOUT = 50
-"""Episodes that a world spends in one layout of a random scenario before it moves on."""
-
-
 def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, LikelihoodMap]:
-    """What all worlds of a process share, for a random scenario in ``layout``.
+    """What all worlds of a process share, for one of many layouts in ``layout``.
 
     Raises UserError for an impossible scenario.
     """
@@ -43,13 +39,14 @@ def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, Likel
 
 
 def layout_of(config: RunConfig, world_id: int, episode: int, seed: int | None = None) -> int:
-    """The layout that an episode of a world is played in; 0 unless the scenario is random.
+    """The layout that an episode of a world is played in; 0 for a scenario that has but one.
 
     ``seed`` is that of the world, by default the run's.
     """
-    if config.scenario.kind != "random":
+    layouts = config.scenario.layouts
+    if layouts is None:
         return 0
-    era = episode // EPISODES_PER_LAYOUT
+    era = episode // layouts.episodes
     seed = config.seed if seed is None else seed
     return layout_number(config.scenario, seed, world_id + (era << 40))
 

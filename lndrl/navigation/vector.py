@@ -77,9 +77,9 @@ class VectorNavigation:
         self.privileged = np.zeros((worlds, len(NAMES)), np.float32) if privileged else None
         self._final_privileged = None if self.privileged is None else self.privileged.copy()
         place, field = surroundings or build_surroundings(config)
-        # In a random scenario every world has a place of its own, and so memory of its own.
+        # In a random or mixed scenario every world has a place of its own, and so memory of its own.
         self._batch: NavigationBatch | None = None
-        if config.scenario.kind != "random":
+        if config.scenario.layouts is None:
             self._batch = NavigationBatch(place, field, config, worlds, self.observation)
         self.worlds = [
             Navigation(

@@ -21,6 +21,7 @@ from lndrl.world.furnish import TASK_DISTANCE, find_people, find_tasks
 _ATTEMPTS = 20
 _STREAM = 77  # keeps these draws apart from those of worlds
 _OWN_STREAM = 78  # and from those of a generator of the user's own
+_MIXED_STREAM = 79  # and from those of what is drawn among places
 _NOWHERE = {"start": (0.0, 0.0, 0.0, 0.0), "goal": (0.0, 0.0, 0.0, 0.0)}
 _AISLE = (0.8, 1.4)  # m from a block's edge to what stands in it: half an aisle
 _SMALLEST_BLOCK = 5.5  # m
@@ -31,11 +32,29 @@ _PLACINGS = 200
 
 
 def layout_number(scenario: Scenario, seed: int, world: int) -> int:
-    """Which layout ``world`` of the run ``seed`` plays; 0 for other kinds of scenario."""
-    if scenario.kind != "random":
+    """Which layout ``world`` of the run ``seed`` plays; 0 for a scenario that has but one."""
+    layouts = scenario.layouts
+    if layouts is None:
         return 0
-    number = int(stream_state(seed, world, _STREAM)[0] % np.uint64(_settings(scenario).layouts))
-    return number
+    return int(stream_state(seed, world, _STREAM)[0] % np.uint64(layouts.layouts))
+
+
+def place_of(scenario: Scenario, index: int) -> tuple[Scenario, int]:
+    """The place that layout ``index`` of ``scenario`` is in, and which layout of that place.
+
+    The scenario itself unless it is mixed: then one of its places, drawn by weight.
+    """
+    if scenario.mixed is None:
+        return scenario, index
+    index %= scenario.mixed.layouts
+    places = scenario.mixed.places
+    state = stream_state(scenario.mixed.seed, index, _MIXED_STREAM)
+    left = float(uniform(state)) * sum(part.weight for part in places)
+    for part in places:
+        left -= part.weight
+        if left < 0.0:
+            return part.scenario, index
+    return places[-1].scenario, index
 
 
 def generate(scenario: Scenario, index: int, robot_radius: float = 0.17) -> Scenario:

@@ -32,7 +32,7 @@ from lndrl.world.furnish import (
     find_tasks,
     plan_via,
 )
-from lndrl.world.layouts import generate
+from lndrl.world.layouts import generate, place_of
 from lndrl.world.orca_walls import Walls, index_edges, insert_edges, wall_edges
 
 _TRIES = 2000
@@ -83,7 +83,7 @@ class Place:
     ) -> Place:
         """Rasterise and validate ``scenario`` for a robot of ``robot_radius`` m that arrives
         within ``arrive_distance`` m of its goal (defaults: the configuration's); ``layout`` picks
-        one of a random scenario's.
+        one of a random or mixed scenario's.
 
         Raises UserError (scenario, region, mend) when a region leaves the map or has no free
         room, when a robot task has no connected start and goal at ``start_goal_distance`` and
@@ -92,6 +92,7 @@ class Place:
         expect(draw_free, insert_edges, leg_keeps)
         radius = WorldConfig().robot_radius if robot_radius is None else robot_radius
         arrive = TaskConfig().arrive_distance if arrive_distance is None else arrive_distance
+        scenario, layout = place_of(scenario, layout)
         if scenario.kind == "random":
             scenario = generate(scenario, layout, radius)
         origin: Point = (0.0, 0.0)

@@ -74,3 +74,35 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 @pytest.mark.parametrize("path", sorted((REPOSITORY_CONFIGS / "scenarios").glob("*.yaml")), ids=str)
 def test_shipped_scenarios_load(path) -> None:
     assert load_scenario(path.stem).name == path.stem
+
+
+HALL = scenario(name="hall")
+
+
+def mixture(**changes: Any) -> dict[str, Any]:
+    places = [{"scenario": scenario()}, {"scenario": HALL, "weight": 3.0}]
+    return {"name": "both", "kind": "mixed", "mixed": {"places": places}, **changes}
+
+
+def test_a_mixture_stands_for_its_places() -> None:
+    both = validate(Scenario, mixture(), "both.yaml")
+    assert [part.name for part in both.parts] == ["room", "hall"]
+    assert both.layouts is both.mixed
+    room = both.parts[0]
+    assert room.parts == (room,) and room.layouts is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"mixed": None}, "mixed is missing; name its places"),
+        ({"mixed": {"places": []}}, "mixed.places"),
+        ({"mixed": {"places": [{"scenario": HALL, "weight": 0}]}}, "mixed.places.0.weight"),
+        ({"mixed": {"places": [{"scenario": mixture()}]}}, "both is mixed itself"),
+        ({"size": [10.0, 6.0]}, "size belongs to each of mixed.places; leave it out here"),
+        ({"pedestrians": {"count": [1, 2]}}, "pedestrians belongs to each of mixed.places"),
+        ({"kind": "random"}, "mixed needs kind: mixed"),
+    ],
+)
+def test_mixtures_that_cannot_be(changes: dict[str, Any], sentence: str) -> None:
+    assert sentence in refusal(mixture(**changes))

@@ -182,11 +182,17 @@ def _table(known: list[Scenario]) -> Any:
     table.add_column("people", justify="right")
     table.add_column("description")
     for scenario in known:
-        fewest, most = scenario.pedestrians.count
+        fewest, most = _count(scenario)
         people = f"{fewest}" if fewest == most else f"{fewest}–{most}"
-        size = f"{scenario.size[0]:.4g} × {scenario.size[1]:.4g}"
+        size = f"{scenario.size[0]:.4g} × {scenario.size[1]:.4g}" if min(scenario.size) > 0 else "–"
         table.add_row(scenario.name, scenario.kind, size, people, scenario.description)
     return table
+
+
+def _count(scenario: Scenario) -> tuple[int, int]:
+    """Fewest and most people, over all places that it stands for."""
+    counts = [part.pedestrians.count for part in scenario.parts]
+    return min(fewest for fewest, _ in counts), max(most for _, most in counts)
 
 
 def _summary(scenario: Scenario) -> dict[str, Any]:
@@ -195,7 +201,7 @@ def _summary(scenario: Scenario) -> dict[str, Any]:
         "kind": scenario.kind,
         "size": [round(side, 3) for side in scenario.size],
         "resolution": scenario.resolution,
-        "pedestrians": list(scenario.pedestrians.count),
+        "pedestrians": list(_count(scenario)),
         "start_goal_distance": scenario.start_goal_distance,
         "description": scenario.description,
     }

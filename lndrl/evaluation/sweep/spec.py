@@ -10,6 +10,7 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from lndrl.config import DEFAULTS, RunConfig, find, load_config
+from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.models import Count, Model, load_yaml, validate
 from lndrl.numbering import checkpoints_in
@@ -51,7 +52,10 @@ class SweepSpec(Model):
     )
     set: list[str] = Field([], description="key=value for every run, the base's too")
     start: str | None = Field(
-        None, description="run folder whose networks every run begins with; from the working folder"
+        
+        None,
+        description="run folder whose networks every run begins with, from the working folder; a "
+        "policy file, or shipped, gives the policy alone",
     )
     steps: Count = Field(description="environment steps per run")
     seeds: list[Seed] = Field(min_length=1, description="every variant is trained under each")
@@ -123,7 +127,9 @@ class Sweep:
     def check_start(self) -> None:
         """Raise UserError where runs are to start from a run that left no checkpoint."""
         start = self.spec.start
-        if start is not None and not checkpoints_in(Path(start, "checkpoints")):
+        if start is None or start == SHIPPED_POLICY or Path(start).is_file():
+            return
+        if not checkpoints_in(Path(start, "checkpoints")):
             raise UserError(f"{self.file}: start: {start} is no run folder with a checkpoint")
 
     def runs(self) -> list[PlannedRun]:
@@ -162,12 +168,16 @@ def load_sweep(file: Path) -> Sweep:
     return sweep
 
 
+def _whole(start: str) -> str:
+    return start if start == SHIPPED_POLICY else str(Path(start).resolve())
+
+
 def _variant(
     file: Path, spec: SweepSpec, base: Path, name: str, settings: tuple[str, ...], why: str
 ) -> Variant:
     overrides = [*spec.set, *settings]
     # Runs work in a folder of their own.
-    start = [f"learner.start={Path(spec.start).resolve()}"] if spec.start else []
+    start = [f"learner.start={_whole(spec.start)}"] if spec.start else []
     where = f"{file}: variant {name}"
     # Runs are compared at equal steps and tested at their end; an evaluator would only take time.
     overrides = ["learner.validation_episodes=0", *overrides]

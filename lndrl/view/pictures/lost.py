@@ -53,7 +53,7 @@ _TITLES = {
 
 def lost_figure(report: LostReport, scenarios: Sequence[Scenario]) -> Figure:
     """A figure of ``report``, whose scenarios are ``scenarios``, in this order."""
-    grids = [None if s.kind == "random" else Place.build(s).grid for s in scenarios]
+    grids = [None if s.layouts else Place.build(s).grid for s in scenarios]
     columns = min(len(grids), _COLUMNS)
     slot = min((_WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) / columns, _WIDEST)
     tall = [_height(report, grids, k, slot) for k in range(len(grids))]

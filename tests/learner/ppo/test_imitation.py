@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from learner.ppo.batch import Batch, assemble
-from learner.ppo.losses import teacher_divergence
+from learner.ppo.losses import expected_regret, teacher_divergence
 from learner.ppo.stage import Stage
 from learner.ppo.update import PPO
 from lndrl.policy import prepare
@@ -68,6 +68,24 @@ def test_whoever_imitates_comes_near_the_teacher(trainer, dense: bool, joint: bo
     assert rows[-1]["teacher_agreement"] == pytest.approx(1.0)
     assert (rows[0]["kl"], rows[0]["clip_fraction"], rows[0]["importance_max"]) == (0.0, 0.0, 1.0)
     assert rows[0]["learning_rate"] == 3e-3
+
+
+def test_regret_makes_the_policy_mind_what_mistakes_cost(trainer) -> None:
+    def regret(ppo: PPO, batch: Batch) -> float:
+        with torch.no_grad():
+            logits = ppo.policy(prepare(batch.observation, ppo.config))
+        return float(expected_regret(logits, torch.from_numpy(batch.teacher)).mean())
+
+    ended = {}
+    for weight in (0.0, 1.0):
+        ppo = trainer(imitation={"regret": weight})
+        batch = batch_of(ppo)
+        batch.teacher[:, 7] = 9.0  # one action that costs much more than the others
+        for _ in range(6):
+            figures = ppo.update(batch, 0.0, IMITATING)
+        ended[weight] = regret(ppo, batch)
+        assert figures["policy_loss"] >= figures["teacher_kl"] - 1e-6
+    assert ended[1.0] < 0.9 * ended[0.0]
 
 
 def test_the_value_network_learns_from_reward_meanwhile(trainer) -> None:

@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from learner.ppo.losses import (
+    WORST,
+    expected_regret,
     explained_variance,
     policy_loss,
     teacher_divergence,
@@ -110,3 +112,19 @@ def test_descent_on_the_divergence_raises_what_the_teacher_likes() -> None:
     assert logits.grad is not None
     assert logits.grad[0, 1] < 0 < logits.grad[0, 0]
     assert agrees.item() == 0.0  # of equal logits the first is taken
+
+
+def test_regret_is_what_wrong_actions_cost_and_bounded() -> None:
+    logits = torch.log(torch.tensor([[0.5, 0.25, 0.25]]))
+    cost = torch.tensor([[0.0, 2.0, 700.0]], dtype=torch.float16)
+    assert float(expected_regret(logits, cost)) == pytest.approx(0.25 * 2.0 + 0.25 * WORST)
+    sure = torch.tensor([[20.0, 0.0, 0.0]])
+    assert float(expected_regret(sure, cost)) < 1e-6
+
+
+def test_regret_pushes_down_what_costs_most() -> None:
+    logits = torch.zeros(1, 3, requires_grad=True)
+    expected_regret(logits, torch.tensor([[0.0, 0.5, 8.0]])).sum().backward()
+    assert logits.grad is not None
+    cheapest, dearer, touching = (-logits.grad[0]).tolist()
+    assert cheapest > dearer > 0.0 > touching

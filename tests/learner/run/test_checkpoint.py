@@ -25,7 +25,7 @@ from learner.run.checkpoint import (
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.numbering import checkpoints_in
-from lndrl.policy import load_policy
+from lndrl.policy import load_policy, policy_metadata, to_bytes
 from tests.learner.helpers_learner import random_trajectory, small_config
 
 BOOKS = {"roster": {"actors": {"a": 0}, "sequences": [["a", "x", 4, [6]]]}}
@@ -165,6 +165,28 @@ def test_a_run_begins_with_the_networks_of_another(trained, tmp_path: Path) -> N
     assert all("exp_avg" in new.value_optimizer.state[p] for p in new.value.parameters())
     with pytest.raises(UserError, match="nowhere holds no checkpoint"):
         start_from(tmp_path / "nowhere", new)
+
+
+def test_a_run_begins_with_the_policy_of_a_file(trained, tmp_path: Path) -> None:
+    config = small_config()
+    old, new = trained(config, 2), trained(config, 0)
+    file = tmp_path / "policy.safetensors"
+    file.write_bytes(to_bytes(old.policy, policy_metadata(config, 3, 64)))
+    value = [parameter.clone() for parameter in new.value.parameters()]
+    assert start_from(file, new) == file
+    for one, other in zip(old.policy.parameters(), new.policy.parameters(), strict=True):
+        assert torch.equal(one, other)
+    for one, other in zip(value, new.value.parameters(), strict=True):
+        assert torch.equal(one, other), "a policy file knows no values"
+
+
+def test_a_run_begins_with_the_shipped_policy(trained) -> None:
+    config = load_policy("shipped")[0]
+    new = trained(config, 0)
+    assert start_from(Path("shipped"), new) == Path("shipped")
+    shipped = load_tensors(load_policy("shipped")[1])
+    for name, parameter in new.policy.named_parameters():
+        assert torch.equal(parameter, shipped[name])
 
 
 def test_a_run_begins_with_a_certain_checkpoint_of_another(trained, tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from lndrl.config import RunConfig, load_scenario
 from lndrl.navigation import Navigation, VectorNavigation, build_surroundings
-from lndrl.navigation.navigation import EPISODES_PER_LAYOUT, layout_of
+from lndrl.navigation.navigation import layout_of
+from lndrl.scenario import Scenario
 
 CONFIG = RunConfig.model_validate(
     {
@@ -16,6 +17,10 @@ CONFIG = RunConfig.model_validate(
         "localization": {"min_particles": 50, "max_particles": 100},
     }
 )
+
+
+STAY = 50
+"""Episodes that a world spends in a layout unless told otherwise."""
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +44,13 @@ def test_worlds_live_in_different_layouts_and_step_together(vector: VectorNaviga
 def test_a_world_moves_on_and_replays(vector: VectorNavigation) -> None:
     world = vector.worlds[0]
     home = world.place
-    world.reset(EPISODES_PER_LAYOUT - 1)
+    world.reset(STAY - 1)
     assert world.place is home
-    world.reset(EPISODES_PER_LAYOUT)
+    world.reset(STAY)
     assert world.place.cells.tobytes() != home.cells.tobytes()
     world.step(0.2, 0.3)
     alone = Navigation(*build_surroundings(CONFIG), CONFIG, 5)
-    alone.reset(EPISODES_PER_LAYOUT)
+    alone.reset(STAY)
     alone.step(0.2, 0.3)
     assert alone.observation.scan.tobytes() == world.observation.scan.tobytes()
     assert (alone.localization.pose_estimated == world.localization.pose_estimated).all()
@@ -54,3 +59,27 @@ def test_a_world_moves_on_and_replays(vector: VectorNavigation) -> None:
 def test_other_scenarios_have_one_layout() -> None:
     plain = CONFIG.model_copy(update={"scenario": load_scenario("hall")})
     assert layout_of(plain, 7, 1000) == 0
+
+
+def test_how_long_a_world_stays_is_a_key() -> None:
+    def brief(episodes: int) -> RunConfig:
+        keys = {"name": "r", "kind": "random", "size": [20, 20], "random": {"episodes": episodes}}
+        return RunConfig.model_validate({"seed": 3, "scenario": keys})
+
+    seen = [layout_of(brief(2), 5, episode) for episode in range(6)]
+    assert seen[::2] == seen[1::2] and len(set(seen)) == 3
+    assert len({layout_of(brief(6), 5, episode) for episode in range(6)}) == 1
+
+
+def test_worlds_of_a_mixture_move_from_place_to_place() -> None:
+    places = [{"scenario": load_scenario(name).model_dump()} for name in ("hall", "sparse")]
+    mixed = {"name": "m", "kind": "mixed", "mixed": {"places": places, "episodes": 1}}
+    config = CONFIG.model_copy(update={"scenario": Scenario.model_validate(mixed)})
+    vector = VectorNavigation(config, first_world=0, worlds=2)
+    world = vector.worlds[0]
+    seen = []
+    for episode in range(8):
+        world.reset(episode)
+        seen.append(world.place.scenario.name)
+        assert not vector.step(np.array([10, 17])).terminated.any()
+    assert set(seen) == {"hall", "sparse"}

@@ -10,7 +10,7 @@ from lndrl.errors import UserError
 from lndrl.randomness import stream_state
 from lndrl.scenario import Scenario
 from lndrl.world import Place, World, layouts
-from lndrl.world.layouts import generate, layout_number
+from lndrl.world.layouts import generate, layout_number, place_of
 
 
 def scenario(**random: object) -> Scenario:
@@ -81,3 +81,20 @@ def test_large_layouts_have_tasks_at_the_distance_too(monkeypatch) -> None:
     for task in large.robot:
         middles = [np.add(box[:2], box[2:]) / 2 for box in (task.start, task.goal)]
         assert 10.0 <= np.hypot(*(middles[1] - middles[0])) <= 14.0
+
+
+def test_a_mixture_s_layouts_are_spread_over_its_places_by_weight() -> None:
+    parts = [
+        {"scenario": load_scenario("hybrid"), "weight": 3.0},
+        {"scenario": scenario(layouts=5), "weight": 1.0},
+    ]
+    mixed = Scenario.model_validate({"name": "m", "kind": "mixed", "mixed": {"places": parts}})
+    names = [place_of(mixed, index)[0].name for index in range(1000)]
+    # Binomial: 750 with a deviation of 14.
+    assert abs(names.count("hybrid") - 750) < 60
+    assert names == [place_of(mixed, index)[0].name for index in range(1000)]
+    first = names.index("hybrid"), names.index("r")
+    assert Place.build(mixed, layout=first[0]).scenario.name == "hybrid"
+    assert Place.build(mixed, layout=first[1]).scenario.name == f"r-{first[1] % 5}"
+    numbers = {layout_number(mixed, 1, world) for world in range(40)}
+    assert len(numbers) > 30 and max(numbers) < 1000

@@ -66,7 +66,7 @@ def test_runs_start_from_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyP
     sweep.check_start()
 
 
-@pytest.mark.parametrize("name", ["ppo", "later", "smoke"])
+@pytest.mark.parametrize("name", ["ppo", "later", "smoke", "from-nothing", "from-example"])
 def test_shipped_sweeps_are_right(name: str) -> None:
     path = REPOSITORY_CONFIGS / "sweeps" / f"{name}.yaml"
     sweep = load_sweep(path)
