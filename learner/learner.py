@@ -126,6 +126,8 @@ class Learner:
         self.begin()
         while not self.finished and not stop.is_set():
             self.advance(timeout=0.2)
+        if self.finished:
+            self.validation.finish(self.recorder, self.counters.updates, stop)
         self.end()
 
     def begin(self) -> None:

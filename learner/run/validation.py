@@ -11,7 +11,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
+from threading import Event, Lock
 from typing import Any
 
 from learner.run.best import conditions, read_best, save_best, set_aside_best
@@ -32,6 +32,10 @@ from lndrl.wilson import wilson_interval
 
 SHOWN = 120
 """Points of the curve that a status carries."""
+LAST_ROUND = 180.0
+"""s that a run's end is put off for the result of its last weights, at most."""
+_SILENT = 10.0  # s without a word after which an evaluator that has nothing to do is gone
+_LOOK = 0.2  # s
 _EVALUATORS = 16  # whose names are kept; one more takes the place of the oldest
 _MOST_HELD = 2  # versions of 30 MB each that evaluators are at; one more waits for its turn
 _GIVEN_UP = 600.0  # s after which what one evaluator has may be tested by another, or forgotten
@@ -78,6 +82,7 @@ class Validation:
         self._done: set[int] = set()  # versions of which there is a result
         self._waiting: deque[tuple[ValidationResult, _Offer]] = deque()
         self._heard: float | None = None  # monotonic s of an evaluator's newest word
+        self._last = False  # nothing newer will come
         self._lock = Lock()
 
     # -- the learner's side ------------------------------------------------------------------
@@ -127,6 +132,30 @@ class Validation:
             if better:
                 self._keep(offer, {**row, "score": score})
             self._events.add("validated", f"at step {offer.steps:,}: {in_words(row)}")
+
+    def finish(self, recorder: Recorder, updates: int, stop: Event) -> None:
+        """Wait for the result of the newest weights, which are the run's last, and record it.
+
+        Evaluators get them without resting before. Nobody waits for an evaluator that is not there,
+        nor longer than LAST_ROUND s, nor once ``stop`` is set.
+        """
+        self._last = True
+        end = time.monotonic() + LAST_ROUND
+        if self._hoped_for():
+            text = "waiting for that of the last weights; Ctrl-C does without"
+            self._events.add("validation", text)
+        while self._hoped_for() and time.monotonic() < end and not stop.is_set():
+            stop.wait(_LOOK)
+            self.turn(recorder, updates)
+
+    def _hoped_for(self) -> bool:
+        """Whether a result of the newest weights may come yet."""
+        now = time.monotonic()
+        with self._lock:
+            if self._newest is None or self._newest.version in self._done:
+                return bool(self._waiting)
+            at_work = any(now - handed.at < _GIVEN_UP for handed in self._handed.values())
+            return at_work or (self._heard is not None and now - self._heard < _SILENT)
 
     def snapshot(self) -> dict[str, Any] | None:
         """For the status; None where the run validates nothing."""
@@ -198,7 +227,7 @@ class Validation:
                 self._lives[name] = hello.incarnation
                 while len(self._lives) > _EVALUATORS:
                     self._lives.pop(next(iter(self._lives)))
-            offer = self._hand(name) if hello.ready else None
+            offer = self._hand(name) if hello.ready or self._last else None
         if joined:
             self._events.add("join", f"evaluator {name} on {hello.host[:80]}", sender=name)
         if offer is None:

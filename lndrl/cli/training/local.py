@@ -60,6 +60,8 @@ def train_serially(
                     say(plain_line(_status(learner)), sys.stdout)
                     if interval and learner.counters.updates % interval == 0:
                         evaluator.round(stop.is_set)
+        if interval and learner.finished:
+            evaluator.round(stop.is_set)  # nothing where the last weights have been validated
         learner.end()
         return learner.summary()
     finally:
