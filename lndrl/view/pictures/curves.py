@@ -27,6 +27,7 @@ from lndrl.view.palette import (
 )
 from lndrl.view.pictures.axes import quiet
 from lndrl.view.pictures.fitting import shortened
+from lndrl.wilson import wilson_interval
 
 COLUMNS = {
     "update": "update",
@@ -104,11 +105,35 @@ def _cell(value: float | None) -> str:
     return str(value) if isinstance(value, int) else f"{value:.6g}"
 
 
-def save_curves(rows: Sequence[Row], path: Path | str, title: str = "", dpi: int = 130) -> None:
+def write_validated(curve: Sequence[Row], path: Path | str) -> None:
+    """Write the shares of a validated ``curve``, sampled and greedy, a line per version.
+
+    Raises OSError where ``path`` cannot be written.
+    """
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        kinds = ("sampled", "greedy")
+        names = ("arrived", "collided", "lost", "timeout")
+        writer.writerow(["steps", "episodes", *(f"{kind}_{n}" for kind in kinds for n in names)])
+        for row in curve:
+            shares = [
+                f"{row[kind][name] / row[kind]['episodes']:.6g}" for kind in kinds for name in names
+            ]
+            writer.writerow([row["steps"], row["sampled"]["episodes"], *shares])
+
+
+def save_curves(
+    rows: Sequence[Row],
+    path: Path | str,
+    title: str = "",
+    dpi: int = 130,
+    validated: Sequence[Row] = (),
+) -> None:
     """Write the picture: outcome rates large, return, entropy and KL small, all over steps.
 
-    Faint lines are raw, strong ones smoothed. What ``rows`` lack stays an empty panel. Raises
-    UserError without rows, OSError where ``path`` cannot be written.
+    Faint lines are raw, strong ones smoothed; dots with bars are the ``validated`` arrivals with
+    their 95 % Wilson intervals, dotted lines where another phase begins. What ``rows`` lack stays
+    an empty panel. Raises UserError without rows, OSError where ``path`` cannot be written.
     """
     if not rows:
         raise UserError(f"{path}: there is nothing to draw; learning curves need a row")
@@ -120,6 +145,8 @@ def save_curves(rows: Sequence[Row], path: Path | str, title: str = "", dpi: int
         steps = np.arange(len(rows), dtype=np.float64)
     large = figure.add_subplot(grid[:, 0])
     _draw_outcomes(large, steps, rows)
+    _draw_phases(large, steps, rows)
+    _draw_validated(large, validated)
     small = (
         ("mean return", "episodes.mean_return", BLUE),
         ("entropy (nat)", "ppo.entropy", ORANGE),
@@ -165,6 +192,46 @@ def _draw_outcomes(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) 
             weight="bold",
             annotation_clip=False,
         )
+
+
+def _draw_phases(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) -> None:
+    """A dotted line and a word where the phase of a run with a teacher changes."""
+    phases = [row.get("phase") for row in rows]
+    for i in range(len(phases)):
+        if not isinstance(phases[i], str) or (len(set(phases)) == 1 and i == 0):
+            continue
+        if i == 0 or phases[i] != phases[i - 1]:
+            if i:
+                axes.axvline(steps[i], color=INK, linewidth=0.8, linestyle=":", alpha=0.6)
+            axes.annotate(
+                str(phases[i]),
+                (steps[i], 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(4, -12),
+                textcoords="offset points",
+                color=INK,
+                size=8,
+                alpha=0.8,
+            )
+
+
+def _draw_validated(axes: Axes, curve: Sequence[Row]) -> None:
+    if not curve:
+        return
+    counts = [row["sampled"] for row in curve]
+    shares = np.array([100 * each["arrived"] / each["episodes"] for each in counts])
+    ends = 100 * np.array([wilson_interval(each["arrived"], each["episodes"]) for each in counts])
+    axes.errorbar(
+        [row["steps"] for row in curve],
+        shares,
+        yerr=np.maximum(0.0, np.stack([shares - ends[:, 0], ends[:, 1] - shares])),
+        fmt="o",
+        markersize=3.5,
+        color=INK,
+        elinewidth=0.9,
+        label=f"validated, {counts[-1]['episodes']} episodes each",
+    )
+    axes.legend(loc="center right", frameon=False, fontsize=8, labelcolor=INK)
 
 
 def _draw_series(

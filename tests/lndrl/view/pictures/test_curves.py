@@ -11,7 +11,15 @@ from PIL import Image
 
 from lndrl.errors import UserError
 from lndrl.evaluation.run_metrics import read_metrics
-from lndrl.view.pictures.curves import column, save_curves, smooth, spread, write_csv
+from lndrl.view.pictures import curves
+from lndrl.view.pictures.curves import (
+    column,
+    save_curves,
+    smooth,
+    spread,
+    write_csv,
+    write_validated,
+)
 
 ROWS = [
     {
@@ -41,6 +49,34 @@ def test_missing_keys_are_tolerated(rows: list[dict[str, object]], tmp_path: Pat
     save_curves(rows, tmp_path / "c.png")
     write_csv(rows, tmp_path / "c.csv")
     assert (tmp_path / "c.png").stat().st_size > 1000
+
+
+def validated(steps: int, arrived: int) -> dict[str, Any]:
+    counts = {"episodes": 20, "arrived": arrived, "collided": 20 - arrived, "lost": 0, "timeout": 0}
+    return {"steps": steps, "sampled": counts, "greedy": counts}
+
+
+def test_the_validated_curve_and_phases_are_drawn(tmp_path: Path, monkeypatch) -> None:
+    drawn: list[Any] = []
+    draw = curves._draw_validated
+    monkeypatch.setattr(curves, "_draw_validated", lambda a, c: (draw(a, c), drawn.append(a)))
+    rows = [{**row, "phase": "imitation" if i < 20 else "guided"} for i, row in enumerate(ROWS)]
+    save_curves(rows, tmp_path / "c.png", validated=[validated(4096, 10), validated(8192, 20)])
+    (axes,) = drawn
+    (bars,) = axes.containers
+    steps, shares = bars[0].get_data()
+    assert list(steps) == [4096, 8192] and list(shares) == [50.0, 100.0]
+    words = [text.get_text() for text in axes.texts]
+    assert "imitation" in words and "guided" in words
+    assert axes.get_legend().get_texts()[0].get_text() == "validated, 20 episodes each"
+
+
+def test_validated_rates_are_written(tmp_path: Path) -> None:
+    write_validated([validated(4096, 10)], tmp_path / "v.csv")
+    with open(tmp_path / "v.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["steps"], row["episodes"]) == ("4096", "20")
+    assert (row["sampled_arrived"], row["greedy_collided"], row["sampled_lost"]) == ("0.5", "0.5", "0")
 
 
 def test_nothing_to_draw_is_said(tmp_path: Path) -> None:
