@@ -219,6 +219,8 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Scenario:
+        if self.kind != "mixed" and self.mixed is not None:
+            raise ValueError("mixed needs kind: mixed")
         getattr(self, f"_check_{self.kind}")()
         if self.kind != "map" and (self.map is not None or self.cells is not None):
             raise ValueError("map needs kind: map")
@@ -226,8 +228,6 @@ class Scenario(Model):
             raise ValueError("inside needs kind: map; it chooses a floor of a map")
         if self.kind != "random" and self.random is not None:
             raise ValueError("random needs kind: random")
-        if self.kind != "mixed" and self.mixed is not None:
-            raise ValueError("mixed needs kind: mixed")
         limits = self.start_goal_distance
         if limits is not None and not 0 <= limits[0] <= limits[1]:
             raise ValueError(f"start_goal_distance {list(limits)} must be [least, most]")
