@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from lndrl.extensions import PartSettings
-from lndrl.models import LATER, MOST, Count, Model, NonNegative, Positive
+from lndrl.models import LATER, MOST, Count, Model, NonNegative, Positive, Probability
 
 
 class ImitationConfig(Model):
@@ -43,6 +43,11 @@ class ImitationConfig(Model):
     )
     mirror: bool = Field(
         True, description="half of the states are imitated as their mirror images, left for right"
+    )
+    vary: Annotated[Probability, LATER] = Field(
+        0.0,
+        description="share of the states that are imitated with goal, people and belief moved a "
+        "little, and labelled anew by the learner: none is learned by heart",
     )
     learning_rate: Positive = Field(1.0e-3, description="Adam's step of the policy, at first")
     final_learning_rate: Positive = Field(

@@ -112,6 +112,14 @@ class RunConfig(Model):
                 "ppo.teacher careful goes by the belief's variances, and localization perfect has "
                 "none; take predictive, or localization.kind: amcl"
             )
+        careful = self.ppo.teacher == "careful"
+        if self.imitation.vary > 0.0 and careful and self.imitation.settings.get(
+            "hears_commands", True
+        ):
+            return (
+                "imitation.vary needs a teacher that goes by the observation alone; say "
+                "hears_commands: false in imitation.settings"
+            )
         turns = self.task.angular_velocities
         if self.ppo.teacher and self.imitation.mirror and {-w for w in turns} != set(turns):
             return (

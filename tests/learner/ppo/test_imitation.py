@@ -10,7 +10,7 @@ import torch
 
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.losses import expected_regret, teacher_divergence
-from learner.ppo.stage import Stage
+from learner.ppo.example.stage import Stage
 from learner.ppo.update import PPO
 from lndrl.policy import prepare
 from lndrl.transport.status import GUIDED, IMITATION, REINFORCEMENT

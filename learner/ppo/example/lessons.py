@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from learner.ppo.batch import Batch
-from learner.ppo.mirror import mirror, mirrored_actions
+from learner.ppo.example.mirror import mirror, mirrored_actions
+from learner.ppo.example.vary import Variations
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.navigation import Observation
@@ -31,6 +32,8 @@ class Lessons:
                 "lower it"
             ) from None
         self._beams = config.world.laser.beams
+        self._share = config.imitation.vary
+        self._vary = Variations(config) if self._share > 0.0 else None
         self._images = mirrored_actions(config) if config.imitation.mirror else None
         self._none = Observation.zeros_for(0, config)
         self._next = 0
@@ -54,7 +57,7 @@ class Lessons:
     def draw(self, count: int, rng: np.random.Generator) -> Batch:
         """``count`` states drawn at random, in rounds over all of them; there must be some.
 
-        Every other one is mirrored, where that is wanted.
+        Every other one is mirrored, and a share of them varied, where that is wanted.
         """
         rounds = -(-count // self._count)
         rows = np.concatenate([rng.permutation(self._count) for _ in range(rounds)])[:count]
@@ -62,6 +65,11 @@ class Lessons:
         if self._images is not None:
             seen.put(np.s_[::2], mirror(seen.take(np.s_[::2]), self._beams))
             teacher[::2] = teacher[::2, self._images]
+        if self._vary is not None:
+            chosen = np.flatnonzero(rng.random(count) < self._share)
+            varied = seen.take(chosen)
+            teacher[chosen] = self._vary(varied, rng)
+            seen.put(chosen, varied)
         return Batch(
             trajectories=(),
             observation=seen,

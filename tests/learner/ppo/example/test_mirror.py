@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from learner.ppo.mirror import mirror, mirrored_actions
+from learner.ppo.example.mirror import mirror, mirrored_actions
 from lndrl.config import load_config
 from lndrl.navigation import Observation, VectorNavigation, action_table
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map

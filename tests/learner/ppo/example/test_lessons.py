@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from learner.ppo.batch import Batch, assemble
-from learner.ppo.lessons import Lessons
-from learner.ppo.mirror import mirrored_actions
+from learner.ppo.example.lessons import Lessons
+from learner.ppo.example.mirror import mirrored_actions
 from lndrl.errors import UserError
 from tests.learner.helpers_learner import random_trajectory, small_config
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from learner.ppo.stage import Stage, stage_of
+from learner.ppo.example.stage import Stage, stage_of
 from lndrl.policy import Guidance
 from lndrl.transport.status import GUIDED, IMITATION, REINFORCEMENT
 from tests.learner.helpers_learner import small_config
