@@ -16,9 +16,9 @@ from learner.intake.limits import check_messages, check_queue
 from learner.intake.roster import Roster
 from learner.memory import MemoryTide, keep_freed_memory
 from learner.ppo.batch import Batch, assemble
+from learner.ppo.example.stage import Stage, stage_of
 from learner.ppo.rollout_store import RolloutStore
 from learner.ppo.schedules import batch_size
-from learner.ppo.example.stage import Stage, stage_of
 from learner.ppo.update import PPO, DivergedError
 from learner.run.checkpoint import (
     Counters,

@@ -1,9 +1,9 @@
 """A scenario: a place, who walks there, and where the robot starts and goes.
 
 YAML under ``configs/scenarios/``. Metres, map frame; boxes are ``[x_min, y_min, x_max, y_max]``.
-Kinds of place: ``geometry`` lists its obstacles (origin at the lower left corner), ``map`` names a
-ROS map (the map's own frame), ``random`` stands for endless generated layouts, ``mixed`` for several
-places, among which worlds move.
+Kinds of place: ``geometry`` lists its obstacles (origin at the lower left corner), ``map`` names
+a ROS map (the map's own frame), ``random`` stands for endless generated layouts, ``mixed`` for
+several places, among which worlds move.
 """
 
 from __future__ import annotations
@@ -265,7 +265,7 @@ class Scenario(Model):
                 raise ValueError(
                     f"mixed.places: {part.scenario.name} is mixed itself; name its places instead"
                 )
-        plain = Scenario.model_construct()
+        plain = Scenario.model_construct(name=self.name)
         for name in ("size", "obstacles", "robot", "pedestrians", "start_goal_distance"):
             if getattr(self, name) != getattr(plain, name):
                 raise ValueError(f"{name} belongs to each of mixed.places; leave it out here")

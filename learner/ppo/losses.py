@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-
 WORST = 10.0
 """Cost beyond which an action is simply wrong: a metre of the way, in the planners' units."""
 

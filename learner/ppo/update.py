@@ -20,6 +20,7 @@ from torch import Tensor
 from learner.ppo.average import Average
 from learner.ppo.batch import Batch, batch_advantages
 from learner.ppo.example.lessons import Lessons
+from learner.ppo.example.stage import Stage
 from learner.ppo.losses import (
     expected_regret,
     explained_variance,
@@ -30,7 +31,6 @@ from learner.ppo.losses import (
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.schedules import entropy_weight
-from learner.ppo.example.stage import Stage
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.errors import UserError

@@ -113,8 +113,10 @@ class RunConfig(Model):
                 "none; take predictive, or localization.kind: amcl"
             )
         careful = self.ppo.teacher == "careful"
-        if self.imitation.vary > 0.0 and careful and self.imitation.settings.get(
-            "hears_commands", True
+        if (
+            self.imitation.vary > 0.0
+            and careful
+            and self.imitation.settings.get("hears_commands", True)
         ):
             return (
                 "imitation.vary needs a teacher that goes by the observation alone; say "

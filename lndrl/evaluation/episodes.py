@@ -86,7 +86,7 @@ class Team:
 
     def __init__(self, place: Place, field: LikelihoodMap, config: RunConfig, size: int) -> None:
         self.observation = Observation.zeros_for(size, config)
-        # In a random or mixed scenario every world has a place of its own, and so memory of its own.
+        # Where there are many layouts every world has a place, and so memory, of its own.
         self._batch: NavigationBatch | None = None
         if config.scenario.layouts is None:
             self._batch = NavigationBatch(place, field, config, size, self.observation)

@@ -26,6 +26,7 @@ from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import Place, World, layout_number
 
+
 def build_surroundings(config: RunConfig, layout: int = 0) -> tuple[Place, LikelihoodMap]:
     """What all worlds of a process share, for one of many layouts in ``layout``.
 

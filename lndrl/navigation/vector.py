@@ -77,7 +77,7 @@ class VectorNavigation:
         self.privileged = np.zeros((worlds, len(NAMES)), np.float32) if privileged else None
         self._final_privileged = None if self.privileged is None else self.privileged.copy()
         place, field = surroundings or build_surroundings(config)
-        # In a random or mixed scenario every world has a place of its own, and so memory of its own.
+        # Where there are many layouts every world has a place, and so memory, of its own.
         self._batch: NavigationBatch | None = None
         if config.scenario.layouts is None:
             self._batch = NavigationBatch(place, field, config, worlds, self.observation)

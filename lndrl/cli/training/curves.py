@@ -15,7 +15,10 @@ def curves(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, e.g. runs/first.")],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="STEM", help="Writes STEM.png, STEM.csv and what was validated; default: RUN/curves."),
+        typer.Option(
+            metavar="STEM",
+            help="Writes STEM.png, STEM.csv and what was validated; default: RUN/curves.",
+        ),
     ] = None,
 ) -> None:
     """Draw a run's learning curves and write them as a table."""

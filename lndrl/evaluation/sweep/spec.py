@@ -52,7 +52,6 @@ class SweepSpec(Model):
     )
     set: list[str] = Field([], description="key=value for every run, the base's too")
     start: str | None = Field(
-        
         None,
         description="run folder whose networks every run begins with, from the working folder; a "
         "policy file, or shipped, gives the policy alone",

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from learner.ppo.batch import Batch, assemble
-from learner.ppo.losses import expected_regret, teacher_divergence
 from learner.ppo.example.stage import Stage
+from learner.ppo.losses import expected_regret, teacher_divergence
 from learner.ppo.update import PPO
 from lndrl.policy import prepare
 from lndrl.transport.status import GUIDED, IMITATION, REINFORCEMENT
@@ -80,6 +80,7 @@ def test_regret_makes_the_policy_mind_what_mistakes_cost(trainer) -> None:
     for weight in (0.0, 5.0):
         ppo = trainer(imitation={"regret": weight})
         batch = batch_of(ppo)
+        assert batch.teacher is not None
         batch.teacher[:, 7] = 9.0  # one action that costs much more than the others
         for _ in range(6):
             figures = ppo.update(batch, 0.0, IMITATING)

@@ -1,4 +1,4 @@
-"""Varied states: near those that were met, as an observation must be, and labelled for what they are."""
+"""Varied states: near those that were met, possible, and labelled for what they are."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lndrl.navigation.trajectory import MOST_COST
 from lndrl.planners import teacher_of
 from tests.learner.helpers_learner import random_trajectory, small_config
 
-FORGETFUL = {"hears_commands": False, "change_weight": 0.0}
+FORGETFUL: dict[str, object] = {"hears_commands": False, "change_weight": 0.0}
 TEACHERS: list[tuple[str, dict[str, object]]] = [("predictive", {}), ("careful", FORGETFUL)]
 
 
