@@ -149,6 +149,35 @@ def write_map(folder: Path, extra: str = "") -> Path:
     return path
 
 
+def test_places_of_a_mixture_are_named(tmp_path: Path) -> None:
+    (tmp_path / "hall-1.yaml").write_text("name: hall-1\nkind: random\nsize: [20, 20]\n")
+    both = "mixed: {places: [{scenario: hall}, {scenario: hall-1.yaml, weight: 2}]}"
+    (tmp_path / "both.yaml").write_text(f"name: both\nkind: mixed\n{both}\n")
+    mixed = load_scenario(str(tmp_path / "both.yaml"))
+    assert [part.name for part in mixed.parts] == ["hall", "hall-1"]
+    assert mixed.parts[0] == load_scenario("hall")
+    run = tmp_path / "run.yaml"
+    run.write_text("scenario: both.yaml\n")
+    assert load_config(run).scenario == mixed
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(load_config(run).to_yaml())
+    assert load_config(copy) == load_config(run)
+    sparse = "scenario.mixed.places=[{scenario: sparse}]"
+    assert load_config(run, [sparse]).scenario.parts == (load_scenario("sparse"),)
+    with pytest.raises(UserError, match="scenario 'nowhere' is unknown"):
+        load_config(run, ["scenario.mixed.places=[{scenario: nowhere}]"])
+
+
+def test_a_map_among_the_places_of_a_mixture_is_read(tmp_path: Path) -> None:
+    path = write_map(tmp_path)
+    places = "[{scenario: hall-1.yaml}, {scenario: {name: m, kind: map, map: hall-1.yaml}}]"
+    (tmp_path / "both.yaml").write_text(f"name: b\nkind: mixed\nmixed: {{places: {places}}}\n")
+    mixed = load_scenario(str(tmp_path / "both.yaml"))
+    assert mixed.parts[0] == load_scenario(str(path))
+    assert all(part.cells is not None for part in mixed.parts)
+    assert mixed.map_notes == mixed.parts[0].map_notes + mixed.parts[1].map_notes
+
+
 def test_the_yaml_file_of_a_map_is_a_scenario(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

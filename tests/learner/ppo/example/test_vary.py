@@ -55,6 +55,7 @@ def test_a_varied_state_is_a_possible_observation() -> None:
     # Some of them stand where the map ends.
     half = 0.5 * config.task.map_extent
     before.pedestrians[:, 0, :2] = np.random.default_rng(1).uniform(-half, half, (400, 2))
+    before.goal[:, 3:] = 0.9 * config.task.variance_limit
     seen = before.copy()
     Variations(config)(seen, np.random.default_rng(2))
     assert (seen.scan == before.scan).all()
