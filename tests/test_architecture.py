@@ -50,6 +50,7 @@ FLOORS = {
 INNER_FLOORS = {
     "learner.timing": 0,
     "learner.ppo": 1,
+    "learner.ppo.example": 1,
     "learner.run": 2,
     "learner.intake": 3,
     "learner": 4,
