@@ -85,7 +85,7 @@ class Learner:
             chosen, books = self._load(checkpoint)
         else:
             if config.learner.start is not None:
-                begin = f"from the networks of {start_from(Path(config.learner.start), self.ppo)}"
+                begin = f"from the networks of {start_from(config.learner.start, self.ppo)}"
             self.folder = RunFolder.create(path, config)
         self.events = EventLog(self.folder.events, quiet)
         on_change = self.events.on_disk_change
@@ -392,7 +392,7 @@ class Learner:
             finished=self.finished,
             steps=self.counters.steps,
             updates=self.counters.updates,
-            seconds=self.elapsed,
+            seconds=self.counters.elapsed if self.finished else self.elapsed,
             episodes=self.episodes.figures(),
             dropped=self.ingest.dropped,
             accounts=self.accounts.totals(),

@@ -266,7 +266,8 @@ class Scenario(Model):
                     f"mixed.places: {part.scenario.name} is mixed itself; name its places instead"
                 )
         plain = Scenario.model_construct(name=self.name)
-        for name in ("size", "obstacles", "robot", "pedestrians", "start_goal_distance"):
+        given = ("size", "resolution", "wall", "obstacles", "robot", "pedestrians")
+        for name in (*given, "start_goal_distance"):
             if getattr(self, name) != getattr(plain, name):
                 raise ValueError(f"{name} belongs to each of mixed.places; leave it out here")
 
@@ -278,3 +279,6 @@ class Scenario(Model):
                 f"size {list(self.size)} has more than {MOST_CELLS:.0e} cells of "
                 f"{self.resolution:g} m; choose a coarser resolution"
             )
+
+
+Part.model_rebuild()  # it names what is defined after it

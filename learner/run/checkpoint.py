@@ -30,7 +30,14 @@ from learner.run.privilege import widened_moments, widened_value
 from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.numbering import checkpoint_name, checkpoints_in, step_of
-from lndrl.policy import POLICY_FILE, load_into, policy_metadata, read_policy, to_bytes
+from lndrl.policy import (
+    POLICY_FILE,
+    check_layout,
+    load_into,
+    policy_metadata,
+    read_policy,
+    to_bytes,
+)
 
 VALUE_FILE = "value.safetensors"
 OPTIMIZER_FILE = "optimizer.safetensors"
@@ -159,14 +166,19 @@ def load_checkpoint(path: Path, ppo: PPO) -> tuple[Counters, dict[str, Any]]:
     return counters, books
 
 
-def start_from(run: Path, ppo: PPO) -> Path:
-    """Give ``ppo`` networks and optimizers of another run's newest checkpoint, or of ``run`` itself
-    where it is a checkpoint. Of a policy file, or ``shipped``, it gets the policy alone.
+def start_from(named: str | Path, ppo: PPO) -> Path:
+    """Give ``ppo`` networks and optimizers of another run's newest checkpoint, or of ``named``
+    itself where it is a checkpoint. Of a policy file, or ``shipped``, it gets the policy alone.
 
     Returns what it was; raises UserError when there is none or it is of another network.
     """
-    if run == Path(SHIPPED_POLICY) or run.is_file():
-        policy = read_policy(run)
+    run = Path(named)
+    if named == SHIPPED_POLICY or run.is_file():
+        try:
+            policy = read_policy(named)
+            check_layout(str(run), policy.config, ppo.config)
+        except UserError as error:
+            raise UserError(f"learner.start: {error}") from None
         load_into(ppo.policy, policy.weights, str(run), ppo.config)
         if ppo.average is not None:
             load_into(ppo.average.network, policy.weights, str(run), ppo.config)

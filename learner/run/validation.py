@@ -136,8 +136,8 @@ class Validation:
     def finish(self, recorder: Recorder, updates: int, stop: Event) -> None:
         """Wait for the result of the newest weights, which are the run's last, and record it.
 
-        Evaluators get them without resting before. Nobody waits for an evaluator that is not there,
-        nor longer than LAST_ROUND s, nor once ``stop`` is set.
+        Evaluators get them without resting before. Nobody waits where no evaluator is, longer than
+        LAST_ROUND s (for one that vanished in mid-round), or once ``stop`` is set.
         """
         self._last = True
         end = time.monotonic() + LAST_ROUND
@@ -319,5 +319,11 @@ def _row_in(line: bytes) -> dict[str, Any] | None:
         counts = [row[kind][name] for kind in ("sampled", "greedy") for name in COUNTS]
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    whole = all(type(number) is int for number in (*checked[:2], *counts))
-    return row if whole and row["sampled"]["episodes"] > 0 < row["greedy"]["episodes"] else None
+    if not all(type(number) is int and 0 <= number < 2**53 for number in (*checked[:2], *counts)):
+        return None
+    ended = ("arrived", "collided", "lost", "timeout")
+    fits = all(
+        0 < row[kind]["episodes"] >= sum(row[kind][name] for name in ended)
+        for kind in ("sampled", "greedy")
+    )
+    return row if fits else None

@@ -66,16 +66,15 @@ def _check_place(config: RunConfig) -> None:
     Says what its place's notes say. Layouts of a generator of one's own are the actors' business:
     the learner does not import it.
     """
-    if config.scenario.random is not None and config.scenario.random.generator != BLOCKS:
-        return
     from lndrl.world import Place
 
-    place = Place.build(
-        config.scenario,
-        config.world.robot_radius,
-        arrive_distance=config.task.arrive_distance,
-    )
-    say_notes(place.notes)
+    for scenario in config.scenario.parts:
+        if scenario.random is not None and scenario.random.generator != BLOCKS:
+            continue
+        place = Place.build(
+            scenario, config.world.robot_radius, arrive_distance=config.task.arrive_distance
+        )
+        say_notes(place.notes)
 
 
 def _new(config_name: str, name: str | None, overrides: Sequence[str]) -> tuple[RunConfig, Path]:

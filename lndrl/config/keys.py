@@ -86,7 +86,8 @@ def flatten(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _walk(model: type[Model], prefix: str) -> Iterator[Key]:
+def _walk(model: type[Model], prefix: str, above: tuple[type[Model], ...] = ()) -> Iterator[Key]:
+    """Keys of ``model``; what holds one of its own kind is not entered again."""
     for name, field in model.model_fields.items():
         inner = list(_models(field.annotation))
         yield Key(
@@ -97,7 +98,8 @@ def _walk(model: type[Model], prefix: str) -> Iterator[Key]:
             not inner,
         )
         for each in inner:
-            yield from _walk(each, f"{prefix}{name}.")
+            if each not in above:
+                yield from _walk(each, f"{prefix}{name}.", (*above, model))
 
 
 def _models(annotation: Any) -> Iterator[type[Model]]:

@@ -169,18 +169,21 @@ class RunConfig(Model):
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def load_scenario(name: str, beside: Path | None = None) -> Scenario:
+def load_scenario(name: str, beside: Path | None = None, seen: tuple[Path, ...] = ()) -> Scenario:
     """Scenario by name (``configs/scenarios/NAME.yaml``) or by path of a YAML file.
 
     A map that it names is read, so that the scenario is complete. The YAML file of a ROS map is a
-    scenario, too: named like the file, all else as it is by default. Raises UserError naming the
+    scenario, too: named like the file, all else as it is by default. ``seen`` are the files that
+    led here as places of a mixture. Raises UserError naming the
     file and, for an unknown name, the known ones.
     """
     path = find("scenario", name, beside)
+    if path.resolve() in seen:
+        raise UserError(f"{path}: mixed.places leads back to itself")
     data = load_yaml(path)
     if "image" in data:
         data = _scenario_of_map(data, path)
-    _resolve_places(data, path, str(path))
+    _resolve_places(data, path, str(path), (*seen, path.resolve()))
     return _with_map(validate(Scenario, data, str(path)), path)
 
 
@@ -237,14 +240,14 @@ def load_config(named: Path | str, overrides: list[str] | tuple[str, ...] = ()) 
     return config.model_copy(update={"scenario": _with_map(config.scenario, path)})
 
 
-def _resolve_places(scenario: Any, path: Path, where: str) -> None:
+def _resolve_places(scenario: Any, path: Path, where: str, seen: tuple[Path, ...] = ()) -> None:
     """Put what the names of a mixture's places stand for in their place."""
     mixed = scenario.get("mixed") if isinstance(scenario, dict) else None
     places = mixed.get("places") if isinstance(mixed, dict) else None
     for part in places if isinstance(places, list) else ():
         if isinstance(part, dict) and isinstance(part.get("scenario"), str):
             try:
-                part["scenario"] = load_scenario(part["scenario"], path.parent).model_dump()
+                part["scenario"] = load_scenario(part["scenario"], path.parent, seen).model_dump()
             except UserError as error:
                 raise UserError(f"{where}: {error}") from None
 

@@ -24,6 +24,9 @@ def schema_text(model: type[Model]) -> str:
     schema = model.model_json_schema()
     if model is RunConfig:
         schema = _of_a_configuration(schema)
+    if part := schema.get("$defs", {}).get("Part"):
+        place = part["properties"]["scenario"]
+        part["properties"]["scenario"] = _or(place, {"type": "string"})
     schema = _plain(schema)
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return json.dumps(dialect | schema, indent=2, ensure_ascii=False) + "\n"

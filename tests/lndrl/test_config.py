@@ -168,6 +168,23 @@ def test_places_of_a_mixture_are_named(tmp_path: Path) -> None:
         load_config(run, ["scenario.mixed.places=[{scenario: nowhere}]"])
 
 
+def test_a_mixture_that_leads_back_to_itself_is_told_so(tmp_path: Path) -> None:
+    for one, other in (("a", "b"), ("b", "a"), ("c", "c")):
+        places = f"mixed: {{places: [{{scenario: {other}.yaml}}]}}"
+        (tmp_path / f"{one}.yaml").write_text(f"name: {one}\nkind: mixed\n{places}\n")
+    for name in ("a", "c"):
+        with pytest.raises(UserError, match=rf"{name}\.yaml: mixed\.places leads back to itself"):
+            load_scenario(str(tmp_path / f"{name}.yaml"))
+
+
+def test_a_misspelt_key_of_a_place_is_named(tmp_path: Path) -> None:
+    place = "{name: x, kind: random, size: [20, 20], pedestrans: {}}"
+    text = f"name: b\nkind: mixed\nmixed: {{places: [{{scenario: {place}}}]}}\n"
+    (tmp_path / "b.yaml").write_text(text)
+    with pytest.raises(UserError, match="did you mean pedestrians"):
+        load_scenario(str(tmp_path / "b.yaml"))
+
+
 def test_a_map_among_the_places_of_a_mixture_is_read(tmp_path: Path) -> None:
     path = write_map(tmp_path)
     places = "[{scenario: hall-1.yaml}, {scenario: {name: m, kind: map, map: hall-1.yaml}}]"

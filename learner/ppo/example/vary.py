@@ -85,7 +85,7 @@ class Variations:
     def _newcomers(self, number: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """(number, 4) x, y (m), vx, vy (m/s) of people somewhere around the robot."""
         bearing, heading = rng.uniform(-np.pi, np.pi, (2, number))
-        distance = rng.uniform(_NEWCOMER_NEAREST, self._half, number)
+        distance = rng.uniform(min(_NEWCOMER_NEAREST, self._half), self._half, number)
         speed = rng.uniform(0.0, _FASTEST, number)
         return np.stack(
             (

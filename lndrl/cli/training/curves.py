@@ -24,7 +24,7 @@ def curves(
     """Draw a run's learning curves and write them as a table."""
     from learner.run.validation import read_curve
     from lndrl.evaluation.run_metrics import read_metrics
-    from lndrl.view.pictures.curves import save_curves, write_csv, write_validated
+    from lndrl.view.pictures.curves import save_curves, value_at, write_csv, write_validated
 
     if not run.is_dir():
         raise UserError(f"{run}: no such run folder")
@@ -33,7 +33,9 @@ def curves(
     stem = out or run / "curves"
     picture, table = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".csv")
     try:
-        title = f"{run.name}: {counted(rows[-1]['steps'], 'step')}"
+        title = run.name
+        if (steps := value_at(rows[-1], "steps")) is not None:
+            title += f": {counted(int(steps), 'step')}"
         save_curves(rows, picture, title, validated=curve)
         write_csv(rows, table)
         if curve:

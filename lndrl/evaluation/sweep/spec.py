@@ -126,7 +126,12 @@ class Sweep:
     def check_start(self) -> None:
         """Raise UserError where runs are to start from a run that left no checkpoint."""
         start = self.spec.start
-        if start is None or start == SHIPPED_POLICY or Path(start).is_file():
+        if start is None:
+            return
+        if start == SHIPPED_POLICY or Path(start).is_file():
+            from lndrl.policy import read_policy  # brings torch along
+
+            read_policy(start)
             return
         if not checkpoints_in(Path(start, "checkpoints")):
             raise UserError(f"{self.file}: start: {start} is no run folder with a checkpoint")

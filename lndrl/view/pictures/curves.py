@@ -196,11 +196,12 @@ def _draw_outcomes(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) 
 
 def _draw_phases(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) -> None:
     """A dotted line and a word where the phase of a run with a teacher changes."""
-    phases = [row.get("phase") for row in rows]
+    said = (row.get("phase") for row in rows)
+    phases = [phase if isinstance(phase, str) else None for phase in said]
+    if len(set(phases)) == 1:
+        return
     for i in range(len(phases)):
-        if not isinstance(phases[i], str) or (len(set(phases)) == 1 and i == 0):
-            continue
-        if i == 0 or phases[i] != phases[i - 1]:
+        if phases[i] is not None and (i == 0 or phases[i] != phases[i - 1]):
             if i:
                 axes.axvline(steps[i], color=INK, linewidth=0.8, linestyle=":", alpha=0.6)
             axes.annotate(
@@ -231,7 +232,14 @@ def _draw_validated(axes: Axes, curve: Sequence[Row]) -> None:
         elinewidth=0.9,
         label=f"validated, {counts[-1]['episodes']} episodes each",
     )
-    axes.legend(loc="center right", frameon=False, fontsize=8, labelcolor=INK)
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.2,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+    )
 
 
 def _draw_series(

@@ -180,10 +180,22 @@ def test_a_run_begins_with_the_policy_of_a_file(trained, tmp_path: Path) -> None
         assert torch.equal(one, other), "a policy file knows no values"
 
 
+def test_a_policy_file_of_another_layout_is_refused(trained, tmp_path: Path) -> None:
+    config = small_config()
+    file = tmp_path / "policy.safetensors"
+    file.write_bytes(to_bytes(trained(config, 0).policy, policy_metadata(config, 3, 64)))
+    wider = config.task.model_copy(update={"map_extent": 10.0})
+    with pytest.raises(UserError, match=r"learner\.start: .*policy\.safetensors: trained with"):
+        start_from(file, trained(config.model_copy(update={"task": wider}), 0))
+    (tmp_path / "text.md").write_text("no policy")
+    with pytest.raises(UserError, match=r"learner\.start: .*not a safetensors file"):
+        start_from(tmp_path / "text.md", trained(config, 0))
+
+
 def test_a_run_begins_with_the_shipped_policy(trained) -> None:
     config = load_policy("shipped")[0]
     new = trained(config, 0)
-    assert start_from(Path("shipped"), new) == Path("shipped")
+    assert start_from("shipped", new) == Path("shipped")
     shipped = load_tensors(load_policy("shipped")[1])
     for name, parameter in new.policy.named_parameters():
         assert torch.equal(parameter, shipped[name])

@@ -464,6 +464,20 @@ def test_damaged_rows_of_the_curve_are_left_out(tmp_path: Path, line: str) -> No
     assert read_curve(tmp_path / "none") == []
 
 
+@pytest.mark.parametrize(
+    "change", [{"arrived": EPISODES + 1}, {"lost": -1}, {"episodes": 10**400}, {"collided": 3}]
+)
+def test_rows_that_cannot_be_are_left_out(start, change: dict[str, int]) -> None:
+    run = start()
+    run.validate(1, 18)
+    path = run.learner.folder.path / "metrics.jsonl"
+    assert len(read_curve(path)) == 1
+    row = json.loads(path.read_text().splitlines()[0])
+    row["validation"]["sampled"] |= change
+    path.write_text(json.dumps(row) + "\n")
+    assert read_curve(path) == []
+
+
 def test_results_that_nobody_took_yet_survive_the_end(start) -> None:
     run = start()
     run.publish(1)

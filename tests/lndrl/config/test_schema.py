@@ -60,6 +60,12 @@ def test_a_file_may_leave_out_what_its_base_says_and_name_places_and_presets() -
     assert named in schema["properties"]["localization"]["anyOf"]
 
 
+@pytest.mark.parametrize("kind", ["configuration", "scenario"])
+def test_places_of_a_mixture_may_be_named(kind: Kind) -> None:
+    part = json.loads(schema_file(kind).read_text())["$defs"]["Part"]
+    assert {"type": "string"} in part["properties"]["scenario"]["anyOf"]
+
+
 def test_an_unknown_key_is_wrong_for_an_editor_too() -> None:
     schema = json.loads(schema_file("configuration").read_text())
     assert schema["additionalProperties"] is False

@@ -73,6 +73,15 @@ def test_a_varied_state_is_a_possible_observation() -> None:
     assert np.mean(towards / lengths) == pytest.approx(np.exp(-0.5 * 0.8**2), abs=0.1)
 
 
+def test_a_map_may_be_as_small_as_one_likes() -> None:
+    config = config_of("predictive", {})
+    task = config.task.model_copy(update={"map_extent": 0.8})
+    config = config.model_copy(update={"task": task})
+    seen = met(config)
+    Variations(config)(seen, np.random.default_rng(2))
+    assert (np.abs(seen.pedestrians[..., :2]) <= 0.4).all()
+
+
 def test_the_same_draws_vary_alike() -> None:
     config = config_of("predictive", {})
     labels = [Variations(config)(met(config), np.random.default_rng(5)) for _ in range(2)]

@@ -76,6 +76,12 @@ def test_the_validated_curve_and_phases_are_drawn(tmp_path: Path, monkeypatch) -
     assert axes.get_legend().get_texts()[0].get_text() == "validated, 20 episodes each"
 
 
+def test_phases_that_are_no_words_are_left_out(tmp_path: Path) -> None:
+    rows = [{**row, "phase": phase} for row, phase in zip(ROWS, ([], {}, "guided"), strict=False)]
+    save_curves(rows, tmp_path / "c.png")
+    assert (tmp_path / "c.png").stat().st_size > 1000
+
+
 def test_validated_rates_are_written(tmp_path: Path) -> None:
     write_validated([validated(4096, 10)], tmp_path / "v.csv")
     with open(tmp_path / "v.csv", newline="") as file:
