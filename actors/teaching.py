@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation, action_table
-from lndrl.navigation.trajectory import MOST_COST
+from lndrl.navigation.trajectory import above_cheapest
 from lndrl.planners import teacher_of
 from lndrl.planners.rollouts import decide
 from lndrl.policy import Guidance
@@ -53,10 +53,7 @@ class Teacher:
         if not len(self._labels):
             return None
         costs = self._planner.costs(observation, self._rows)
-        cheapest = costs.min(axis=1, keepdims=True)
-        known = np.isfinite(cheapest)
-        above = np.where(known, costs - np.where(known, cheapest, 0.0), 0.0)
-        self._labels[t] = np.minimum(above, MOST_COST)
+        self._labels[t] = above_cheapest(costs)
         if not self._driven.any():
             return None
         return np.where(self._driven, costs.argmin(axis=1), _LEFT_ALONE)

@@ -11,10 +11,13 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
+import typer
+
 from learner.run.folder import RunFolder
+from learner.run.record import RunSummary
 from lndrl.cli.again import resuming_command
 from lndrl.cli.notes import say_notes
-from lndrl.cli.signals import telling
+from lndrl.cli.signals import Stop, say, telling
 from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.numbering import by_number, checkpoints_in
@@ -58,6 +61,19 @@ def going_on(folder: Path) -> Iterator[None]:
 
     with telling(words):
         yield
+
+
+def concluded(summary: RunSummary, stop: Stop) -> int:
+    """Say how a run ended and how it goes on, if it does; the exit code of its command.
+
+    A finished run has succeeded, also where a signal cut short what it only waited for.
+    """
+    typer.echo(str(summary))
+    if summary.finished:
+        return 0
+    if stop.is_set():
+        say(f"go on with: {resuming_command(summary.folder.name)}")
+    return stop.exit_code
 
 
 def _check_place(config: RunConfig) -> None:

@@ -96,6 +96,17 @@ def most_bytes(config: RunConfig, worlds: int) -> int:
     return arrays + worlds * _EPISODES * _RECORD + _HEADER
 
 
+def above_cheapest(costs: NDArray[np.float64]) -> NDArray[np.float16]:
+    """A teacher's ``costs`` (B, A) as labels: above the cheapest, at most MOST_COST.
+
+    All 0 where no action has a finite cost, which then teaches no preference.
+    """
+    cheapest = costs.min(axis=1, keepdims=True)
+    known = np.isfinite(cheapest)
+    above = np.where(known, costs - np.where(known, cheapest, 0.0), 0.0)
+    return np.minimum(above, MOST_COST).astype(np.float16)
+
+
 def final_indices(
     terminated: NDArray[np.bool_] | NDArray[np.uint8],
     truncated: NDArray[np.bool_] | NDArray[np.uint8],

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
-from lndrl.navigation.trajectory import MOST_COST
+from lndrl.navigation.trajectory import above_cheapest
 
 _GOAL_TURN = 0.8  # rad, deviation
 _GOAL_STRETCH = 0.3  # deviation of the distance's logarithm
@@ -45,10 +45,7 @@ class Variations:
         self._vary_goal(seen, rng)
         self._vary_people(seen, rng)
         costs = self._teacher.costs(seen, np.zeros(len(seen), np.int64))
-        cheapest = costs.min(axis=1, keepdims=True)
-        known = np.isfinite(cheapest)
-        above = np.where(known, costs - np.where(known, cheapest, 0.0), 0.0)
-        return np.minimum(above, MOST_COST).astype(np.float16)
+        return above_cheapest(costs)
 
     def _vary_goal(self, seen: Observation, rng: np.random.Generator) -> None:
         turn = _GOAL_TURN * rng.standard_normal(len(seen))

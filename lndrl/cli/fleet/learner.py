@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import typer
 
-from lndrl.cli.again import resuming_command
 from lndrl.cli.options import (
     CheckpointName,
     ConfigName,
@@ -19,7 +18,7 @@ from lndrl.cli.options import (
     run_overrides,
     trust,
 )
-from lndrl.cli.runs import choose_run, going_on
+from lndrl.cli.runs import choose_run, concluded, going_on
 from lndrl.cli.security import (
     Certificates,
     Insecure,
@@ -32,7 +31,7 @@ from lndrl.cli.security import (
     of_learner,
     transport_overrides,
 )
-from lndrl.cli.signals import say, stop_on_signals
+from lndrl.cli.signals import stop_on_signals
 
 
 def learner(
@@ -67,7 +66,4 @@ def learner(
 
     with stop_on_signals("the learner writes a checkpoint") as stop, going_on(folder):
         summary = run_learner(chosen, folder, resume, None, stop, checkpoint, security=security)
-    typer.echo(str(summary))
-    if stop.is_set() and not summary.finished:
-        say(f"go on with: {resuming_command(folder.name)}")
-    raise typer.Exit(stop.exit_code)
+    raise typer.Exit(concluded(summary, stop))

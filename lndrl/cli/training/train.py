@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from lndrl.cli.again import resuming_command
 from lndrl.cli.options import (
     CheckpointName,
     ConfigName,
@@ -23,7 +22,7 @@ from lndrl.cli.options import (
     run_overrides,
     trust,
 )
-from lndrl.cli.runs import choose_run, going_on
+from lndrl.cli.runs import choose_run, concluded, going_on
 from lndrl.cli.security import (
     Certificates,
     Insecure,
@@ -33,7 +32,7 @@ from lndrl.cli.security import (
     of_learner,
     transport_overrides,
 )
-from lndrl.cli.signals import say, stop_on_signals
+from lndrl.cli.signals import stop_on_signals
 from lndrl.errors import UserError
 
 
@@ -100,8 +99,4 @@ def train(
             summary = local.train_locally(
                 chosen, folder, resume, checkpoint, drawn, stop, security=security
             )
-    typer.echo(str(summary))
-    if stop.is_set() and not summary.finished:
-        say(f"go on with: {resuming_command(folder.name)}")
-    # Whoever ends the wait for a last validation has a finished run all the same.
-    raise typer.Exit(0 if summary.finished else stop.exit_code)
+    raise typer.Exit(concluded(summary, stop))
