@@ -4,106 +4,35 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import pytest
 
-from learner.learner import Learner
 from learner.run.best import read_best, save_best
 from learner.run.record import Recorder
 from learner.run.validation import Validation, read_curve
 from learner.status import snapshot
-from lndrl.config import RunConfig
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.numbering import BEST
 from lndrl.policy import initial_weights, read_policy
 from lndrl.transport import (
-    COUNTS,
     NO_WEIGHTS,
     EvaluatorHello,
-    MemoryNetwork,
     Refusal,
-    ValidationResult,
     ValidationTask,
 )
 from lndrl.transport.status import parse_status
-from lndrl.version import VERSION
 from lndrl.view.dashboard.screen import plain_line
 from tests.learner.helpers_learner import small_config
-
-HELLO = EvaluatorHello("evaluator-0", "first", "here", 1, VERSION)
-EPISODES = 20
-
-
-def counts(arrived: int, episodes: int = EPISODES) -> dict[str, int]:
-    """Episodes of ten steps, of which the others collided."""
-    return dict(
-        zip(COUNTS, (episodes, arrived, episodes - arrived, 0, 0, 10 * episodes), strict=True)
-    )
-
-
-def small(**changes: Any) -> RunConfig:
-    return small_config(learner={"validation_episodes": EPISODES, "keep_checkpoints": 2, **changes})
-
-
-class Trained:
-    """A learner that never trains: versions are published as a test wants."""
-
-    def __init__(self, path: Path, config: RunConfig | None = None, **options: Any) -> None:
-        self.network = MemoryNetwork()
-        config = config or small()
-        self.learner = Learner(config, path, self.network.learner(), quiet=True, **options)
-        self.learner.begin()
-        self.evaluator = self.network.evaluator()
-        self.validation = self.learner.validation
-
-    def publish(self, version: int) -> None:
-        counters = self.learner.counters
-        counters.updates, counters.steps = version, version * 1000
-        self.learner._publish()
-
-    def ask(self, hello: EvaluatorHello = HELLO) -> ValidationTask:
-        return self.evaluator.ask(hello)
-
-    def result(self, task: ValidationTask, arrived: int, greedy: int = 0) -> ValidationResult:
-        return ValidationResult(
-            *(task.run_id, "evaluator-0", "first", task.learner_incarnation, task.version, 3.0),
-            *(counts(arrived), counts(greedy)),
-        )
-
-    def tell(self, result: ValidationResult) -> str:
-        ack = self.evaluator.report(result)
-        assert ack is not None
-        self.validation.turn(self.learner.recorder, self.learner.counters.updates)
-        return ack.status
-
-    def validate(self, version: int, arrived: int) -> str:
-        self.publish(version)
-        task = self.ask()
-        assert task.version == version
-        return self.tell(self.result(task, arrived))
-
-    def best(self) -> int | None:
-        """Version of the policy that is kept as the best."""
-        found = read_best(self.learner.folder.checkpoints)
-        return None if found is None else found["version"]
-
-
-@pytest.fixture
-def start(tmp_path: Path):
-    made: list[Trained] = []
-
-    def make(name: str = "run", config: RunConfig | None = None, **options: Any) -> Trained:
-        made.append(Trained(tmp_path / name, config, **options))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.learner.close()
+from tests.learner.run.helpers_validation import (
+    EPISODES,
+    HELLO,
+    Trained,
+    counts,
+    small,
+)
 
 
 def test_a_result_is_recorded_everywhere(start: Callable[..., Trained]) -> None:
@@ -200,66 +129,6 @@ def test_evaluators_do_not_do_the_same_work(start, monkeypatch) -> None:
     assert run.ask().version == 2, "whoever had it is given up"
     run.publish(3)
     assert run.ask(dataclasses.replace(HELLO, ready=False)).version == NO_WEIGHTS, "it rests"
-
-
-@contextmanager
-def finishing(run: Trained, stop: Event) -> Iterator[Thread]:
-    """The end of ``run``, which waits for what an evaluator makes of its last weights."""
-    at = (run.learner.recorder, run.learner.counters.updates, stop)
-    thread = Thread(target=run.validation.finish, args=at)
-    thread.start()
-    try:
-        yield thread
-    finally:
-        stop.set()
-        thread.join(30.0)
-
-
-def test_a_run_s_end_waits_for_its_last_weights(start) -> None:
-    run, stop = start(), Event()
-    run.validate(1, 18)
-    run.publish(2)
-    resting = dataclasses.replace(HELLO, ready=False)
-    assert run.ask(resting).version == NO_WEIGHTS
-    with finishing(run, stop) as thread:
-        tasks = (run.ask(resting) for _ in range(1000) if not stop.wait(0.01))
-        task = next(task for task in tasks if task.version != NO_WEIGHTS)
-        assert task.version == 2, "at the end nobody rests"
-        ack = run.evaluator.report(run.result(task, 20))
-        assert ack is not None and ack.status == "accepted"
-        thread.join(30.0)
-        assert not thread.is_alive() and not stop.is_set()
-    assert [row["version"] for row in run.validation.curve] == [1, 2]
-    assert run.best() == 2
-    assert "waiting for that of the last weights" in run.learner.folder.events.read_text()
-
-
-def test_a_run_s_end_waits_for_nobody_in_vain(start, monkeypatch) -> None:
-    monkeypatch.setattr("learner.run.validation._SILENT", -1.0)
-    monkeypatch.setattr("learner.run.validation._GIVEN_UP", -1.0)
-    alone, gone, all_known = start("a"), start("b"), start("c")
-    alone.publish(1)
-    gone.ask()
-    gone.publish(1)
-    all_known.validate(1, 10)
-    for run in (alone, gone, all_known):
-        with finishing(run, Event()) as thread:
-            thread.join(30.0)
-            assert not thread.is_alive()
-        assert "waiting" not in run.learner.folder.events.read_text()
-
-
-def test_a_signal_ends_the_waiting(start) -> None:
-    run, stop = start(), Event()
-    run.publish(1)
-    assert run.ask().version == 1
-    with finishing(run, stop) as thread:
-        thread.join(0.5)
-        assert thread.is_alive()
-        stop.set()
-        thread.join(30.0)
-        assert not thread.is_alive()
-    assert run.validation.curve == []
 
 
 def evaluators(count: int) -> list[EvaluatorHello]:

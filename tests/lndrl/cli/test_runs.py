@@ -13,7 +13,9 @@ from lndrl.cli.signals import Stop
 
 
 def summary(finished: bool) -> RunSummary:
-    return RunSummary(Path("runs/first"), finished, 64, 2, 3.0, {"count": 0, "window": 0}, {}, {}, None)
+    return RunSummary(
+        Path("runs/first"), finished, 64, 2, 3.0, {"count": 0, "window": 0}, {}, {}, None
+    )
 
 
 @pytest.mark.parametrize(
