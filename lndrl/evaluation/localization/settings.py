@@ -53,10 +53,15 @@ def known_scenarios() -> list[str]:
 def scenarios_named(names: Sequence[str]) -> list[Scenario]:
     """Scenarios by name or YAML file; ``all`` stands for all that come with the program.
 
-    Raises UserError for unknown ones.
+    Raises UserError for unknown ones, and for a mixture: a report is of places.
     """
     wanted = [each for name in names for each in (known_scenarios() if name == "all" else [name])]
-    return [load_scenario(name) for name in dict.fromkeys(wanted)]
+    found = [load_scenario(name) for name in dict.fromkeys(wanted)]
+    for scenario in found:
+        if scenario.mixed is not None:
+            places = ", ".join(part.name for part in scenario.parts)
+            raise UserError(f"scenario {scenario.name} is several places; name those: {places}")
+    return found
 
 
 def with_pedestrians(scenario: Scenario, count: int) -> Scenario:

@@ -11,7 +11,7 @@ from PIL import Image
 from lndrl.cli.main import run
 from lndrl.config import LocalizationConfig
 from lndrl.errors import UserError
-from lndrl.evaluation.localization.settings import load_settings
+from lndrl.evaluation.localization.settings import load_settings, scenarios_named
 from lndrl.evaluation.localization.tables import BEGIN, END, write_document
 
 ROOM = """
@@ -126,3 +126,8 @@ def test_bad_keys_in_a_settings_file(tmp_path: Path, capsys) -> None:
     file.write_text("update_ticks: [2, 3]\n")
     assert run(["localization", "--settings", str(file), "--scenarios", "hybrid"]) == 2
     assert "setting odd: update_ticks [2, 3] must end with 4" in capsys.readouterr().err
+
+
+def test_a_mixture_is_told_to_name_its_places() -> None:
+    with pytest.raises(UserError, match="school is several places; name those: hybrid, random"):
+        scenarios_named(["hall", "school"])
