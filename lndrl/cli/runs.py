@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from learner.run.folder import RunFolder
-from learner.run.record import RunSummary
 from lndrl.cli.again import resuming_command
 from lndrl.cli.notes import say_notes
 from lndrl.cli.signals import Stop, say, telling
@@ -22,6 +22,9 @@ from lndrl.config import DEFAULTS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.numbering import by_number, checkpoints_in
 from lndrl.scenario import BLOCKS
+
+if TYPE_CHECKING:
+    from learner.run.record import RunSummary
 
 RUNS = Path("runs")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -63,8 +66,8 @@ def going_on(folder: Path) -> Iterator[None]:
         yield
 
 
-def concluded(summary: RunSummary, stop: Stop) -> int:
-    """Say how a run ended and how it goes on, if it does; the exit code of its command.
+def concluded(summary: RunSummary, folder: Path, stop: Stop) -> int:
+    """Say how the run in ``folder`` ended and how it goes on; the exit code of its command.
 
     A finished run has succeeded, also where a signal cut short what it only waited for.
     """
@@ -72,7 +75,7 @@ def concluded(summary: RunSummary, stop: Stop) -> int:
     if summary.finished:
         return 0
     if stop.is_set():
-        say(f"go on with: {resuming_command(summary.folder.name)}")
+        say(f"go on with: {resuming_command(folder.name)}")
     return stop.exit_code
 
 

@@ -66,4 +66,4 @@ def learner(
 
     with stop_on_signals("the learner writes a checkpoint") as stop, going_on(folder):
         summary = run_learner(chosen, folder, resume, None, stop, checkpoint, security=security)
-    raise typer.Exit(concluded(summary, stop))
+    raise typer.Exit(concluded(summary, folder, stop))

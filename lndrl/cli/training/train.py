@@ -99,4 +99,4 @@ def train(
             summary = local.train_locally(
                 chosen, folder, resume, checkpoint, drawn, stop, security=security
             )
-    raise typer.Exit(concluded(summary, stop))
+    raise typer.Exit(concluded(summary, folder, stop))

@@ -28,7 +28,7 @@ def test_a_finished_run_has_succeeded_whatever_ended_its_last_wait(
     if stopped:
         stop.signal_number = signal.SIGINT
         stop.set()
-    assert concluded(summary(finished), stop) == code
+    assert concluded(summary(finished), Path("runs/first"), stop) == code
     said = capsys.readouterr()
     assert "64 steps" in said.out
     assert ("go on with: " in said.err) == (not finished)
