@@ -34,7 +34,7 @@ from learner.ppo.schedules import entropy_weight
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.machine.cores import usable_cores
+from lndrl.machine.cores import usable_threads
 from lndrl.policy import (
     Network,
     build_policy,
@@ -106,7 +106,7 @@ class PPO:
         if self._on_device and config.ppo.entropy_final is not None:
             self._entropy = torch.tensor(config.ppo.entropy, device=self.device)
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
-        cores = config.learner.threads or usable_cores()
+        cores = config.learner.threads or usable_threads()
         self.threads = max(1, cores // 2)
         # Always the same thread for a network: a thread's allocator fits what it did before.
         self._threads = {

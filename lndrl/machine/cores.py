@@ -59,6 +59,16 @@ def cpu_quota(root: Path = Path("/")) -> float | None:
     return min(quotas, default=None)
 
 
+def usable_threads() -> int:
+    """Threads that computing may take: a core each, fewer where OMP_NUM_THREADS says so."""
+    cores = usable_cores()
+    try:
+        asked = int(os.environ.get("OMP_NUM_THREADS", "").split(",")[0])
+    except ValueError:  # not set, or nonsense that OpenMP passes over, too
+        return cores
+    return min(cores, asked) if asked > 0 else cores
+
+
 def limit_threads() -> None:
     """Tell numerical libraries, before they are loaded, of a quota that they do not look at.
 

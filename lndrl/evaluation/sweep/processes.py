@@ -13,7 +13,7 @@ from pathlib import Path
 from lndrl.evaluation.sweep.folder import Run, RunsFolder, SweepFolder
 from lndrl.evaluation.sweep.runs import Job
 from lndrl.extensions import PARTS_FOLDER, parts_folder, trusted_modules
-from lndrl.machine.cores import usable_cores
+from lndrl.machine.cores import THREAD_VARIABLES, usable_cores
 from lndrl.machine.ports import free_port
 
 
@@ -66,6 +66,11 @@ class Launcher(Trainer):
         super().__init__(folder, lock, self._training)
         self.folder = folder
         self.workers = max(1, usable_cores() // parallel)
+        if parallel > 1:
+            # Each would start threads for all cores, and these wait for each other spinning: two
+            # serial runs on two cores then take five times as long.
+            share = dict.fromkeys(THREAD_VARIABLES, str(self.workers))
+            self.environment = share | self.environment  # what the user has set stays
 
     def __call__(self, job: Job) -> RealProcess:
         """See ``Trainer``."""

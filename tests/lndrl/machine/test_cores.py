@@ -11,7 +11,13 @@ from pathlib import Path
 import pytest
 
 from lndrl.machine import cores
-from lndrl.machine.cores import THREAD_VARIABLES, cpu_quota, limit_threads, usable_cores
+from lndrl.machine.cores import (
+    THREAD_VARIABLES,
+    cpu_quota,
+    limit_threads,
+    usable_cores,
+    usable_threads,
+)
 
 ROOT = Path(cores.__file__).resolve().parents[2]
 V1 = "31 25 0:29 {group} {point} rw,relatime shared:9 - cgroup cgroup rw,cpu,cpuacct"
@@ -135,6 +141,20 @@ def test_libraries_hear_of_a_quota_only(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="needs taskset")
+@pytest.mark.parametrize(
+    ("text", "threads"),
+    [("1", 1), ("3", 3), ("16", 4), ("2,1", 2), (None, 4), ("", 4), ("0", 4), ("many", 4)],
+)
+def test_the_user_may_allow_fewer_threads(
+    monkeypatch: pytest.MonkeyPatch, text: str | None, threads: int
+) -> None:
+    monkeypatch.setattr(cores, "usable_cores", lambda: 4)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if text is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", text)
+    assert usable_threads() == threads
+
+
 def test_a_mask_of_this_machine() -> None:
     first = min(os.sched_getaffinity(0))
     code = "from lndrl.machine.cores import usable_cores; print(usable_cores())"
