@@ -12,6 +12,7 @@ from learner.run.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
 from lndrl import kernels
 from lndrl.config import RunConfig
+from lndrl.evaluation.ahead import compiling_ahead
 from lndrl.transport import Security, open_learner
 
 _GOODBYE = 5.0  # s for actors to hear that the run is done
@@ -47,7 +48,10 @@ def run_learner(
         status.start()
         on_ready(learner)
         try:
-            with kernels.told(kernels.Lines(lambda text: learner.events.add("start", text))):
+            with (
+                kernels.told(kernels.Lines(lambda text: learner.events.add("start", text))),
+                compiling_ahead(config),
+            ):
                 learner.run(stop)
         finally:
             status.stop()

@@ -75,15 +75,17 @@ def _compiling(learner: Learner, actors: list[dict[str, Any]]) -> str:
     """How far kernels are where the run waits for them, as it does on a machine's first start."""
     own = kernels.in_progress()
     waiting = [a for a in actors if a["state"] != "gone" and a["kernels_needed"]]
+    if learner.first_update is not None:
+        waiting = []
+    # All count what is ready on their machine, and whoever needs the most tells the most.
+    known = [(a["kernels_needed"], a["kernels_ready"], str(a["id"])) for a in waiting]
     if own is not None:
-        (ready, needed), who = own, "in the learner"
-    elif learner.first_update is None and waiting:
-        first = max(waiting, key=lambda actor: actor["kernels_ready"])
-        ready, needed = first["kernels_ready"], first["kernels_needed"]
-        others = f" and {len(waiting) - 1} more" if len(waiting) > 1 else ""
-        who = f"on {first['id']}{others}"
-    else:
+        known.append((own[1], own[0], "the learner"))
+    if not known:
         return ""
+    needed, ready, first = max(known)
+    others = f" and {len(known) - 1} more" if len(known) > 1 else ""
+    who = f"on {first}{others}" if waiting else "in the learner"
     return f"{ready} of {needed} kernels are ready {who}; only a first start takes that long"
 
 

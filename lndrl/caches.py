@@ -1,4 +1,4 @@
-"""Where compiled kernels and fonts are kept when neither installation nor home can be written.
+"""Where compiled kernels and fonts are kept, also where neither package nor home can be written.
 
 numba refuses to import a kernel that it cannot keep anywhere, and matplotlib looks for all fonts
 anew in every process. Both read the environment when they are imported, which child processes
@@ -29,7 +29,7 @@ def settle(package: str = os.path.dirname(__file__)) -> None:
         # so a folder that somebody downloaded must not say where it comes from.
         os.environ.setdefault(NUMBA, "")
     homeless = {}
-    if not _numba_has_a_place(package):
+    if not _is_writable(kernel_folder(package)):
         homeless[NUMBA] = "numba"
     if not _matplotlib_has_a_place():
         homeless[MATPLOTLIB] = "matplotlib"
@@ -52,16 +52,18 @@ def settle(package: str = os.path.dirname(__file__)) -> None:
     )
 
 
-def _numba_has_a_place(package: str) -> bool:
+def kernel_folder(package: str = os.path.dirname(__file__)) -> str:
+    """The folder of compiled kernels.
+
+    NUMBA_CACHE_DIR; else in the user's cache folder, where clones and environments share them; else
+    beside the code.
+    """
     given = os.environ.get(NUMBA)
     if given:
-        return _is_writable(given)
-    found = os.scandir(package)
-    rooms = [room.path for room in found if room.is_dir() and room.name != "__pycache__"]
-    caches = (os.path.join(room, "__pycache__") for room in (package, *rooms))
-    if all(map(_is_writable, caches)):
-        return True
-    return _is_writable(os.path.join(_home("XDG_CACHE_HOME", ".cache"), "numba"))
+        return given
+    own = os.path.join(_home("XDG_CACHE_HOME", ".cache"), "lndrl", "kernels")
+    beside = os.path.join(package, "__pycache__", "kernels")
+    return own if _is_writable(own) or not _is_writable(beside) else beside
 
 
 def _matplotlib_has_a_place() -> bool:

@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
+
 State = NDArray[np.uint64]
 
 
@@ -78,7 +80,7 @@ def _rotate_left(value, bits):
     return (value << np.uint64(bits)) | (value >> np.uint64(64 - bits))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def next_uint64(state):
     """Next 64 random bits; ``state`` is ``uint64[4]`` and advances in place."""
     result = _rotate_left(state[0] + state[3], 23) + state[0]
@@ -92,13 +94,13 @@ def next_uint64(state):
     return result
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def uniform(state):
     """Uniform float64 in [0, 1) with 53 bits."""
     return np.float64(next_uint64(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def _edge_of_layer(state, layer, signed):
     """The ziggurat's rare part, outside a layer's rectangle: (accepted, value)."""
     if layer == 0:
@@ -119,7 +121,7 @@ def _layer_and_sign(bits):
     return np.int64(bits & np.uint64(0xFF)), signed
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def normal(state):
     """Standard normal float64 by the ziggurat method."""
     while True:
@@ -132,7 +134,7 @@ def normal(state):
             return x
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def fill_normals(state, out):
     """Fill ``out`` (n,) with standard normals: the draws of ``normal`` one after the other.
 
@@ -162,7 +164,7 @@ def fill_normals(state, out):
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def fill_uniforms(state, out):
     """Fill ``out`` (n,) with uniforms in [0, 1): the draws of ``uniform`` one after the other."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
@@ -211,7 +213,7 @@ def _radius(bits):
     return np.sqrt(square if square > np.float32(0.0) else np.float32(0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_normals32(state, out):
     """Fill ``out`` (float32, (n,)) with standard normals.
 

@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.bench.report import REPETITIONS
@@ -16,6 +15,7 @@ from lndrl.bench.scene import hybrid_config
 from lndrl.bench.wandering import record_drives
 from lndrl.config import LaserConfig, LocalizationConfig, RunConfig
 from lndrl.evaluation.localization.drives import SensorLog
+from lndrl.kernels import kernel
 from lndrl.localization import (
     AMCL,
     LikelihoodMap,
@@ -109,7 +109,7 @@ def _wrapped(
     return replay
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _replay(odometry, ranges, bearings, belief, scratch, bins, limits, field, settings):
     updates = 0
     for i in range(odometry.shape[0]):

@@ -7,11 +7,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.bench.report import REPETITIONS
 from lndrl.config import CrowdConfig
+from lndrl.kernels import kernel
 from lndrl.maps import distance_field
 from lndrl.maps.grid import polygon_mask
 from lndrl.world.pedestrians import ORCA, SFM, Crowd, advance_people, walls_for
@@ -140,7 +140,7 @@ def _median(batch: Any, seconds: float) -> float:
     return 1e6 * statistics.median(medians) / _BATCH
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _ticks(count, people, pose, command, surroundings, parameters, scratch):
     for _ in range(count):
         advance_people(people, pose, command, surroundings, parameters, scratch)

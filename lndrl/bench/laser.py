@@ -9,10 +9,10 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig
+from lndrl.kernels import kernel
 from lndrl.maps import OccupancyGrid, distance_field
 from lndrl.maps.edges import ray_map
 from lndrl.maps.raycast import cast_ray, clearance
@@ -184,19 +184,19 @@ def _random_rays(scene: Scene) -> Floats:
     return np.concatenate([start, np.cos(angle)[:, None], np.sin(angle)[:, None]], axis=1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _trace_all(rays, fan, poses, legs, stride, scratch, out):
     for i in range(len(poses)):
         trace(rays, fan, poses[i], legs[i], LEG_RADIUS, stride, scratch, out[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _scan_all(rays, fan, poses, legs, stride, state, scratch, out):
     for i in range(len(poses)):
         noisy_scan(rays, fan, poses[i], legs[i], LEG_RADIUS, stride, state, scratch, out[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cast_all(ray_map, rays, range_max, out):
     for i in range(len(rays)):
         out[i] = cast_ray(

@@ -8,11 +8,11 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.bench.report import REPETITIONS
 from lndrl.bench.scene import SCENARIOS, WORLDS, RandomActions, hybrid_config
+from lndrl.kernels import kernel
 from lndrl.navigation import VectorNavigation
 from lndrl.navigation.step import people_row, robot_row
 from lndrl.world.laser import noisy_scan
@@ -163,7 +163,7 @@ def _megabytes(environment: VectorNavigation) -> float:
     return sum(array.nbytes for array in arrays) / len(environment) / 1e6
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _only_people(robots, people, setting, scratch, commands, ticks):
     for _step in range(commands.shape[0]):
         for i in range(commands.shape[1]):
@@ -175,7 +175,7 @@ def _only_people(robots, people, setting, scratch, commands, ticks):
                 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _and_robots(robots, people, setting, scratch, commands, ticks, stride, ranges, scans):
     """The whole drive but for the filter; without the laser where ``stride`` is 0."""
     for step in range(commands.shape[0]):

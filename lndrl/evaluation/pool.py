@@ -6,16 +6,18 @@ it runs, a dead worker must end in a sentence, and Ctrl-C must stop workers in m
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import nullcontext, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from lndrl import kernels
+from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.evaluation.ahead import compiling_ahead
 from lndrl.extensions import trust_modules, trusted_modules
 from lndrl.machine.signals import starting_child
 
@@ -27,14 +29,19 @@ _JOIN_SECONDS = 2.0
 
 
 def run_tasks(
-    make_work: Callable[..., Work], arguments: Sequence[Any], tasks: Iterable[Any], workers: int
+    make_work: Callable[..., Work],
+    arguments: Sequence[Any],
+    tasks: Iterable[Any],
+    workers: int,
+    config: RunConfig | None = None,
 ) -> Generator[Any, None, None]:
     """Yield the results of all tasks in the order in which they become ready.
 
     ``make_work(*arguments)`` is called once per worker process and returns what it does with a
     task; with ``workers`` 0 everything runs in this process. All of it must be importable by
     name and picklable. However the iteration ends (exhausted, abandoned, Ctrl-C, an error), no
-    worker is left.
+    worker is left. Worlds of ``config`` are what workers step, if it is given: of kernels that are
+    missing this process compiles a part.
 
     Raises UserError when a worker raises it or dies.
     """
@@ -51,7 +58,8 @@ def run_tasks(
             with starting_child():
                 connection, process = _start(make_work, arguments)
                 processes[connection] = process
-        yield from _collect(processes, iter(tasks))
+        with nullcontext() if config is None else compiling_ahead(config, training=False):
+            yield from _collect(processes, iter(tasks))
     finally:
         _stop(processes)
 
@@ -81,7 +89,7 @@ def _serve(
 ) -> None:
     """The worker's life: tasks in, results out, until the parent closes its end or dies."""
     trust_modules(*trusted)
-    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         try:
             with kernels.told(lambda *progress: connection.send((_COMPILING, progress))):
                 work = make_work(*arguments)

@@ -68,7 +68,8 @@ def evaluate(
     blocks = [range(first, min(first + BLOCK, episodes)) for first in range(0, episodes, BLOCK)]
     records: list[EpisodeRecord] = []
     vetoes: dict[int, int] = {}
-    results = run_tasks(_make_work, (source, config, greedy), blocks, min(workers, len(blocks)))
+    work = source, config, greedy
+    results = run_tasks(_make_work, work, blocks, min(workers, len(blocks)), config)
     with _same_threads_after(source), closing(results):
         for record, vetoed in results:
             records.append(record)

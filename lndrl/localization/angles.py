@@ -11,10 +11,12 @@ import math
 import numpy as np
 from numba import njit
 
+from lndrl.kernels import kernel
+
 TURN = 2.0 * math.pi
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def wrap(angle):
     """``angle`` (rad) shifted by whole turns into [-pi, pi)."""
     wrapped = angle - TURN * np.floor((angle + math.pi) / TURN)
@@ -22,7 +24,7 @@ def wrap(angle):
     return wrapped if wrapped < math.pi else -math.pi
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def difference(a, b):
     """Shortest signed turn (rad, in [-pi, pi)) that leads from ``b`` to ``a``."""
     return wrap(a - b)

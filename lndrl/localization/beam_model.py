@@ -10,14 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.maps.raycast import cast_ray
 
 _NEGLIGIBLE = 40.0  # exp(-40) vanishes beside every other summand
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def prepare_readings(ranges, bearings, range_max, beam_numbers, readings):
     """Per usable beam: cos, sin, range (m), the summand of short readings, the constant summand.
 
@@ -42,7 +42,7 @@ def prepare_readings(ranges, bearings, range_max, beam_numbers, readings):
     return kept
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def beam_model(particles, count, readings, kept, field, range_max, beam_numbers, likelihood):
     """``1 + sum pz^3`` of ``count`` particles (rows x, y, yaw, cos, sin) into ``likelihood``.
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig, LocalizationConfig
+from lndrl.kernels import kernel
 from lndrl.localization.likelihood import BEAMS_PER_PASS, LikelihoodMap
 from lndrl.randomness import State
 
@@ -103,7 +103,7 @@ class Settings(NamedTuple):
     """z_hit, z_short, z_max, z_rand, sigma_hit (m), lambda_short (1/m)"""
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def room_for(count):
     """``count`` rounded up to whole blocks of 32 particles.
 

@@ -11,10 +11,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig
+from lndrl.kernels import kernel
 
 # key = (x bin << X_SHIFT) + (y bin << Y_SHIFT) + heading bin; bins may be negative.
 Y_SHIFT = 12
@@ -58,7 +58,7 @@ def make_bins(config: LocalizationConfig) -> Bins:
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def bin_key(x, y, yaw, bins):
     """Key of the bin that holds the pose (m, m, rad in [-pi, pi))."""
     column = np.int64(np.floor(x / bins.size))
@@ -67,14 +67,14 @@ def bin_key(x, y, yaw, bins):
     return (column << X_SHIFT) + (row << Y_SHIFT) + heading
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def bin_keys(particles, count, bins, keys):
     """Keys of ``count`` particles (rows x, y, yaw, ...) into ``keys`` (int64)."""
     for i in range(count):
         keys[i] = bin_key(particles[0, i], particles[1, i], particles[2, i], bins)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def empty(bins):
     """Forget all bins; costs what they are, not what the table could hold."""
     for b in range(min(bins.used[0], bins.slot.size)):
@@ -82,7 +82,7 @@ def empty(bins):
     bins.used[0] = 0
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def find(key, bins):
     """Number of the bin with ``key``, -1 if there is none."""
     mask = bins.slots.size - 1
@@ -94,7 +94,7 @@ def find(key, bins):
         slot = (slot + 1) & mask
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def insert(key, bins, k):
     """Number of the bin with ``key``, made if there is none; and the number of bins, ``k`` or more.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.localization.bins import X_SHIFT, Y_SHIFT, find
 
 # Half of the 26 neighbours; the other half are reached from the other side.
@@ -18,7 +18,7 @@ _NEIGHBOURS = np.array(
 )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _root(parent, b):
     while parent[b] != b:
         parent[b] = parent[parent[b]]
@@ -26,7 +26,7 @@ def _root(parent, b):
     return b
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def connect(bins, k):
     """Join the ``k`` bins that touch (3 x 3 x 3 neighbours, headings wrapped) in ``parent``."""
     for b in range(k):
@@ -47,7 +47,7 @@ def connect(bins, k):
                 bins.parent[max(mine, theirs)] = min(mine, theirs)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def heaviest(bins, k):
     """Sum the bins' ``sums`` into their roots and return the root with the greatest mass."""
     for b in range(k):
@@ -62,7 +62,7 @@ def heaviest(bins, k):
     return best
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _second(bins, k, best):
     """The root with the greatest mass but for ``best``, after ``heaviest``; -1 without one."""
     second = -1
@@ -73,7 +73,7 @@ def _second(bins, k, best):
     return second
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def two_heaviest(weights, count, bin_of, bins, k, masses):
     """Write the shares of the weight in the heaviest and the second heaviest cluster to ``masses``.
 
@@ -96,7 +96,7 @@ def two_heaviest(weights, count, bin_of, bins, k, masses):
     masses[1] = bins.sums[0, second] / everything if second >= 0 else 0.0
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def two_places(particles, weights, count, bin_of, bins, k, places):
     """Write share of the weight and mean x, y (m) of the two heaviest clusters to ``places``.
 
@@ -128,7 +128,7 @@ def two_places(particles, weights, count, bin_of, bins, k, places):
             places[row, 2] = particles[1, 0] + bins.sums[2, root] / mass
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def estimate(particles, weights, count, bin_of, bins, k, pose, covariance):
     """Write ``pose`` (3,) and ``covariance`` (3, 3) of ``count`` weighted particles.
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.localization.clusters import estimate
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def beam_agreement(beams, kept, pose, field):
     """Share of the ``kept`` beams that end near an obstacle when cast from ``pose`` [x, y, yaw].
 
@@ -31,7 +31,7 @@ def beam_agreement(beams, kept, pose, field):
     return near / max(kept, 1)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def effective_count(weights, count):
     """``1 / sum w^2`` of ``count`` normalised weights: how many particles still matter."""
     # Four sums that do not wait for each other, in an order that no processor changes.
@@ -47,7 +47,7 @@ def effective_count(weights, count):
     return 1.0 / ((a + b) + (c + d))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def cluster_spread(particles, weights, count, bin_of, bins, k, covariance):
     """Write the (3, 3) covariance of the heaviest cluster; returns its share of the weight.
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from lndrl.kernels import kernel
 
 CONVERGED = 0.5  # m; all particles this near to the mean on both axes (ROS)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def weigh_logarithms(weights, likelihood, count, beams):
     """Multiply ``weights`` by ``exp(likelihood)`` and normalise them; float64 and float32 (count,).
 
@@ -42,7 +43,7 @@ def weigh_logarithms(weights, likelihood, count, beams):
     return math.exp((best - 1.0 + math.log(total)) / max(beams, 1))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def converged(particles, count):
     """Whether every particle lies within ``CONVERGED`` m of the mean on x and on y."""
     for row in range(2):
@@ -56,7 +57,7 @@ def converged(particles, count):
     return True
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
+@kernel(_nrt=False, error_model="numpy", fastmath=True)
 def _near(table, columns, last_x, last_y, cells, count, beam_x, beam_y, level):
     """Number of particles for which this beam ends where the table exceeds ``level``."""
     first = np.float32(0.5)
@@ -70,7 +71,7 @@ def _near(table, columns, last_x, last_y, cells, count, beam_x, beam_y, level):
     return found
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def skip_beams(field, cells, count, beams, kept, threshold, error_threshold):
     """Put the beams first that a share above ``threshold`` of the particles explains.
 

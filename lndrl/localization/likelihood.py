@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.errors import UserError
+from lndrl.kernels import kernel
 from lndrl.localization.angles import sincos
 from lndrl.localization.field import beam_factor, obstacle_distance
 from lndrl.maps.grid import OccupancyGrid, distance_field
@@ -95,7 +95,7 @@ class LikelihoodMap:
         return self  # never written, and megabytes
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def beam_ends(ranges, bearings, range_max, resolution, beams):
     """End points of the usable beams, in cells, in the robot frame.
 
@@ -119,9 +119,7 @@ def beam_ends(ranges, bearings, range_max, resolution, beams):
 
 
 # Fast, but not so fast that what is not finite could be anything: ``_keep_finite`` looks at it.
-@njit(
-    cache=True,
-    nogil=True,
+@kernel(
     _nrt=False,
     error_model="numpy",
     fastmath={"reassoc", "contract", "arcp", "nsz", "afn"},
@@ -137,7 +135,7 @@ def to_cells(particles, count, resolution, origin_x, origin_y, cells):
     _keep_finite(cells, count)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _keep_finite(cells, count):
     """Leave nothing in ``cells`` that is not finite: it would become an index of anywhere."""
     for row in range(4):
@@ -147,7 +145,7 @@ def _keep_finite(cells, count):
             cells[row, i] = value if value < _ANYWHERE else _ANYWHERE
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
+@kernel(_nrt=False, error_model="numpy", fastmath=True)
 def _index_beam(beam_x, beam_y, x, y, cosine, sine, count, columns, last_x, last_y, index):
     # Vectorises: the border makes every position >= 0.5, so truncation is floor.
     first = np.float32(0.5)
@@ -159,7 +157,7 @@ def _index_beam(beam_x, beam_y, x, y, cosine, sine, count, columns, last_x, last
         index[i] = np.int32(np.int32(np.int32(end_y) * columns) + np.int32(end_x))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _gather(table, first, second, third, fourth, count, likelihood):
     # Not fastmath: the compiler would use gather instructions, which are slower than loads.
     for i in range(count):
@@ -168,13 +166,13 @@ def _gather(table, first, second, third, fourth, count, likelihood):
         )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _gather_one(table, index, count, likelihood):
     for i in range(count):
         likelihood[i] += table[np.uint32(index[i])]
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def likelihood_field(table, rows, columns, cells, count, beams, kept, index, likelihood):
     """``1 + sum pz^3`` of ``count`` particles into ``likelihood`` (float32).
 

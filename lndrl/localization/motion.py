@@ -12,13 +12,14 @@ import math
 import numpy as np
 from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.localization.angles import difference, sincos
 from lndrl.randomness import fill_normals, fill_normals32, normal
 
 LEAST_TRANSLATION = 0.01  # m; below it the direction of motion is only noise (ROS)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def decompose(old, new):
     """Odometry poses (x, y, yaw) to ``(rotation1, translation, rotation2)`` in rad, m, rad."""
     dx = new[0] - old[0]
@@ -31,7 +32,7 @@ def decompose(old, new):
     return rotation1, translation, rotation2
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def deviations(rotation1, translation, rotation2, alpha):
     """Deviations of the three parts; ``alpha`` (4,) are odom_alpha1 to 4.
 
@@ -47,7 +48,7 @@ def deviations(rotation1, translation, rotation2, alpha):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def draw_noise(noise, count, spread, state):
     """Three normals per particle, scaled by ``spread``, into ``noise[0..2]``."""
     for part in range(3):
@@ -67,7 +68,7 @@ def set_heading(particles, i, yaw):
     particles[4, i] = sine
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
+@kernel(_nrt=False, error_model="numpy", fastmath=True)
 def move(particles, count, motion, noise):
     """Move ``count`` particles (rows x, y, yaw, cos, sin) by ``motion`` less their noise."""
     rotation1, translation, rotation2 = motion
@@ -82,7 +83,7 @@ def move(particles, count, motion, noise):
         set_heading(particles, i, yaw)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def scatter(particles, count, pose, spread, state):
     """Gaussian cloud around ``pose``; ``spread`` holds the deviations of x, y (m) and yaw (rad)."""
     for row in range(3):
@@ -90,7 +91,7 @@ def scatter(particles, count, pose, spread, state):
     _place_around(particles, count, pose, spread)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy", fastmath=True)
+@kernel(_nrt=False, error_model="numpy", fastmath=True)
 def _place_around(particles, count, pose, spread):
     for i in range(count):
         particles[0, i] = pose[0] + spread[0] * particles[0, i]
@@ -99,7 +100,7 @@ def _place_around(particles, count, pose, spread):
         set_heading(particles, i, yaw)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def scatter_correlated(particles, count, pose, root, state):
     """As ``scatter``, with ``root`` (3, 3) a square root of the covariance of x, y, yaw."""
     for i in range(count):

@@ -8,12 +8,11 @@ scans must fit before anything happens.
 
 from __future__ import annotations
 
-from numba import njit
-
+from lndrl.kernels import kernel
 from lndrl.localization.resampling import recovery_chance
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def injection_chance(averages, tolerance, persistent):
     """Chance that a drawn particle is random: ``max(0, 1 - tolerance * w_fast / w_slow)``.
 

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig
+from lndrl.kernels import kernel
 from lndrl.localization.bins import bin_key, insert
 from lndrl.localization.motion import set_heading
 from lndrl.randomness import fill_uniforms, uniform
@@ -40,7 +41,7 @@ def kld_limits(config: LocalizationConfig) -> NDArray[np.int32]:
     return limits
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def follow_average(averages, average, alpha_slow, alpha_fast):
     """Advance ``averages`` = [w_slow, w_fast] in place by the mean likelihood ``average``."""
     for i, alpha in ((0, alpha_slow), (1, alpha_fast)):
@@ -50,7 +51,7 @@ def follow_average(averages, average, alpha_slow, alpha_fast):
             averages[i] += alpha * (average - averages[i])
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def recovery_chance(averages):
     """Chance that a drawn particle is random: ``max(0, 1 - w_fast / w_slow)``.
 
@@ -65,7 +66,7 @@ def recovery_chance(averages):
     return chance
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def accumulate(weights, count, cumulative, guide):
     """Cumulative weights, and for each of ``count`` equal slices the first index reaching into it.
 
@@ -85,7 +86,7 @@ def accumulate(weights, count, cumulative, guide):
     return total
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def locate(cumulative, guide, count, total, u):
     """First index whose cumulative weight exceeds ``u`` (in [0, 1)) of ``total``."""
     i = np.int64(guide[np.int64(u * count)])
@@ -98,13 +99,13 @@ def locate(cumulative, guide, count, total, u):
     return i
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def draw(cumulative, guide, count, total, state):
     """Index drawn with probability proportional to its weight; one uniform per draw."""
     return locate(cumulative, guide, count, total, uniform(state))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def inject(target, n, field, state):
     """Particle ``n`` of ``target``: centre of a uniformly drawn free cell, uniform heading."""
     cell = field.free_cells[np.int64(uniform(state) * field.free_cells.size)]
@@ -122,7 +123,7 @@ def most_particles(target, scratch, limits):
     return min(limits.size - 1, target.shape[1], scratch.bin_of.size)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def resample(source, weights, count, target, scratch, bins, limits, chance, field, state):
     """Draw a new set into ``target`` (rows x, y, yaw, cos, sin) until the KLD bound is passed.
 
@@ -152,7 +153,7 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
     return n, k
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _draw_set(source, count, total, target, scratch, bins, limits, state):
     """``resample`` without injection, in blocks: each pass over one does one simple thing."""
     most = most_particles(target, scratch, limits)

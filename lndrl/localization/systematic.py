@@ -11,8 +11,8 @@ independent draws, but with far less scatter. O(N) through the guide table.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.localization.bins import bin_key, insert
 from lndrl.localization.resampling import accumulate, inject, locate, most_particles
 from lndrl.randomness import uniform
@@ -20,7 +20,7 @@ from lndrl.randomness import uniform
 GOLDEN = 0.6180339887498949
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def resample_systematic(
     source, weights, count, target, scratch, bins, limits, chance, field, state
 ):

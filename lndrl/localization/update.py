@@ -12,6 +12,7 @@ from typing import Any
 
 from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.localization.angles import difference
 from lndrl.localization.beam_model import beam_model, prepare_readings
 from lndrl.localization.belief import (
@@ -45,7 +46,7 @@ from lndrl.localization.systematic import resample_systematic
 _FARTHEST_JUMP = 1000.0
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _begin(belief):
     """A full set of equal weights, nothing remembered; returns its size."""
     count = min(belief.weights.size, belief.particles.shape[2])
@@ -58,7 +59,7 @@ def _begin(belief):
     return count
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def reset_belief(start, spread, belief, scratch, bins):
     """Draw the full set around ``start`` [x, y, yaw] with deviations ``spread`` (m, m, rad).
 
@@ -70,7 +71,7 @@ def reset_belief(start, spread, belief, scratch, bins):
     summarise(belief, scratch, bins)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def spread_belief(belief, scratch, bins, field):
     """Draw the full set uniformly over the free cells and all headings."""
     count = _begin(belief)
@@ -87,7 +88,7 @@ def fits(belief, scratch, bins):
     return 0 < numbers[COUNT] <= room and 0 <= numbers[CURRENT] <= 1
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def summarise(belief, scratch, bins):
     """Estimate and covariance of the current set as it is."""
     count = belief.numbers[COUNT]
@@ -100,7 +101,7 @@ def summarise(belief, scratch, bins):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def fill_bins(particles, count, scratch, bins):
     """Sort ``count`` particles into emptied ``bins``; returns the number of occupied ones."""
     bin_keys(particles, count, bins, scratch.keys)
@@ -111,7 +112,7 @@ def fill_bins(particles, count, scratch, bins):
     return k
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _gate(new, belief, settings):
     """Whether the odometry pose asks for an update; counts poses that cannot be true."""
     old = belief.odometry
@@ -127,7 +128,7 @@ def _gate(new, belief, settings):
     return dx > settings.update_min_d or dy > settings.update_min_d or turn > settings.update_min_a
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _predict(particles, count, new, belief, scratch, settings):
     rotation1, translation, rotation2 = decompose(belief.odometry, new)
     spread = deviations(rotation1, translation, rotation2, belief.alpha)
@@ -140,7 +141,7 @@ def _predict(particles, count, new, belief, scratch, settings):
         belief.odometry[k] = new[k]
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _weigh_sums(weights, likelihood, count):
     """Multiply ``weights`` by the likelihoods and normalise them; returns their sum before."""
     total = 0.0
@@ -155,7 +156,7 @@ def _weigh_sums(weights, likelihood, count):
     return total / count
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings):
     """Weigh by the scan; returns the number of beams with an echo, all in ``scratch.beams``."""
     kept, broken = beam_ends(ranges, bearings, settings.range_max, field.resolution, scratch.beams)
@@ -194,7 +195,7 @@ def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings)
     return kept
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _resample(particles, count, belief, scratch, bins, limits, field, settings):
     """Draw the other set from this one; returns its size and number of occupied bins."""
     chance = injection_chance(
@@ -219,7 +220,7 @@ def _resample(particles, count, belief, scratch, bins, limits, field, settings):
     return count, k
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def update_belief(
     odometry, ranges, bearings, belief, scratch, bins, limits, field, settings, publish
 ):
@@ -260,7 +261,7 @@ def update_belief(
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def update_packed(odometry, ranges, bearings, everything):
     """``update_belief`` for callers from Python, with ``pack``'s result.
 

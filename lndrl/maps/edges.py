@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
 from lndrl.maps.grid import OccupancyGrid
 
 Floats32 = NDArray[np.float32]
@@ -159,7 +160,7 @@ def arctangent(y, x):
     return angle if y >= np.float32(0.0) else -angle
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def faces_in_reach(ray_map, x, y, reach):
     """How many faces ``scan_faces`` looks at from the point (cells)."""
     starts = ray_map.starts
@@ -172,7 +173,7 @@ def faces_in_reach(ray_map, x, y, reach):
     return count
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def scan_faces(ray_map, x, y, yaw, fan, stride, scratch, ranges):
     """Shorten ``ranges`` (m, float32, ``(n,)``) to the walls seen from (x, y) (cells).
 
@@ -188,7 +189,7 @@ def scan_faces(ray_map, x, y, yaw, fan, stride, scratch, ranges):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _draw_faces(
     position, low, high, starts, band_cells, resolution, x, y, yaw, cosines, sines, first_bearing,
     increment, reach, stride, inverse_x, inverse_y, depth, right, left, first, last, doubt, ranges,
@@ -238,7 +239,7 @@ def _draw_faces(
                 start += np.int64(count)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _reach(starts, band_cells, facing, across, along, reach):
     """Positions near..far and bands first..last of one facing's faces within ``reach``."""
     last = starts.shape[2] - 2
@@ -253,7 +254,7 @@ def _reach(starts, band_cells, facing, across, along, reach):
     return near, max(near - 1, far), first_band, last_band
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _invert_directions(cosines, sines, c, s, stride, beams, inverse_x, inverse_y):
     """1 / direction components; float64 up to the division, for walls seen at a flat angle."""
     n = np.uint64(beams)
@@ -271,7 +272,7 @@ def _invert_directions(cosines, sines, c, s, stride, beams, inverse_x, inverse_y
             inverse_y[k] = np.float32(1.0) / np.float32(s * u + c * v)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _collect(position, low, high, begin, count, across, along, sign, lateral, depth, right, left):
     """Faces from ``begin`` on as seen from the point: depth ahead, right and left end (cells)."""
     for j in range(count):
@@ -283,7 +284,7 @@ def _collect(position, low, high, begin, count, across, along, sign, lateral, de
         left[j] = b if a < b else a
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _spans(depth, right, left, count, middle, per_radian, beams, first, last, doubt):
     """First and last beam of every face, and whether an end lies too near a beam to be sure."""
     scale = np.float32(per_radian)
@@ -306,7 +307,7 @@ def _spans(depth, right, left, count, middle, per_radian, beams, first, last, do
         doubt[i] = np.int32(unsure)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _settle(
     position, low, high, begin, count, facing, across, along, c, s, cosines, sines, stride, first,
     last, doubt,
@@ -329,7 +330,7 @@ def _settle(
             last[j] -= 1
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _crosses(depth, low, high, facing, sign, x, y):
     """Whether a ray along (x, y) meets the face, ends included.
 
@@ -341,7 +342,7 @@ def _crosses(depth, low, high, facing, sign, x, y):
     return forward > _LEVEL and low * forward <= at and at <= high * forward
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _fill(first, last, depth, count, scale, inverse, ranges):
     for j in range(count):
         if last[j] < first[j]:

@@ -25,10 +25,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.errors import UserError
+from lndrl.kernels import kernel
 from lndrl.maps.grid import OccupancyGrid
 from lndrl.maps.raycast import cast_ray
 
@@ -172,7 +172,7 @@ def _filled(
     return filled
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def measure_places(
     cells, mapped, normals, resolution, spacing, beams, field_of_view, range_max, sigma, farthest,
     out,
@@ -204,7 +204,7 @@ def measure_places(
                 )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def look_around(cells, mapped, normals, resolution, x, y, range_max, sums):
     """Running sums of J^T J over the ``DIRECTIONS`` rays from (x, y) (m) into ``sums``
     (DIRECTIONS + 1, 6): row k has those of the first k. Ray k points at (k + 1/2) steps.
@@ -235,7 +235,7 @@ def look_around(cells, mapped, normals, resolution, x, y, range_max, sums):
         sums[k + 1, 5] += turn * turn
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def least_information(sums, first, count):
     """Of ``count`` rays from number ``first`` on, all the way round if need be: what they tell
     about the position along the worst direction when yaw is unknown too (per sigma^2).
@@ -259,7 +259,7 @@ def least_information(sums, first, count):
     return least if least > _NOTHING * total else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def deviation_at(deviation, inverse_spacing, origin_x, origin_y, farthest, x, y, yaw):
     """Deviation (m) at a pose by interpolation over place and heading; off the map ``farthest``."""
     rows, columns, headings = deviation.shape

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from lndrl.kernels import kernel
 from lndrl.maps.raycast import sample_field
 
 Floats = NDArray[np.float64]
@@ -127,7 +127,7 @@ def _connect(number: NDArray[np.int64], clear: Floats, step: float, comfort: flo
     return csr_matrix((np.concatenate(costs), (a, b)), shape=(len(clear), len(clear)))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def leg_room(distance, inverse_resolution, ax, ay, bx, by):
     """Least metres to a wall along the straight leg from a to b, to within half a cell."""
     length = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
@@ -140,7 +140,7 @@ def leg_room(distance, inverse_resolution, ax, ay, bx, by):
     return least - 0.5 / inverse_resolution
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def leg_keeps(distance, inverse_resolution, ax, ay, bx, by, room):
     """Whether ``leg_room`` of the leg from a to b is ``room`` m or more; ends where it is not."""
     length = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
@@ -153,7 +153,7 @@ def leg_keeps(distance, inverse_resolution, ax, ay, bx, by, room):
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def simplify_path(path, room, distance, inverse_resolution, comfort):
     """Indices of the points of ``path`` (k, 2) that straight legs need; ``room`` (k,) (m)."""
     count = len(path)

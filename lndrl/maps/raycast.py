@@ -9,9 +9,9 @@ makes the range exact on the grid.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
 from lndrl.maps.grid import OccupancyGrid
 
 _DIAGONAL = 1.4143  # cells; two half diagonals, rounded up
@@ -29,7 +29,7 @@ def clearance(distance: NDArray[np.float32], resolution: float) -> NDArray[np.ui
     return np.minimum(cells, 255.0).astype(np.uint8)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def cast_ray(cells, inverse_resolution, origin_x, origin_y, x, y, dx, dy, range_max):
     """Range (m) along the unit vector (dx, dy) from (x, y), ``range_max`` where nothing is hit.
 
@@ -83,7 +83,7 @@ def cast_ray(cells, inverse_resolution, origin_x, origin_y, x, y, dx, dy, range_
     return range_max
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def cast_rays(cells, inverse_resolution, origin_x, origin_y, pose, bearings, range_max, out):
     """Fill ``out`` (float32, (n,)) with the ranges at ``bearings`` (rad, (n,)) from ``pose``."""
     for i in range(len(bearings)):
@@ -118,7 +118,7 @@ def raycast(
     return out
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def sample_field(distance, inverse_resolution, x, y):
     """Field value (m) at a point by bilinear interpolation, grid origin at (0, 0).
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.kernels import kernel
 
 SCAN_COUNTS = 65535
 """Largest count of a scan on the wire; metres = counts * range_max / SCAN_COUNTS."""
@@ -117,7 +117,7 @@ class Observation:
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def quantise_scan(ranges, scale, out):
     """``quantise`` for kernels: ranges and out (n,), ``scale`` counts per metre."""
     for i in range(min(ranges.shape[0], out.shape[0])):
@@ -131,7 +131,7 @@ def quantise_scan(ranges, scale, out):
             out[i] = 65535
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def push_scan(ranges, scale, begun, out):
     """Write a scan (n,) behind the newest of the scans in ``out`` (F * n,), the oldest leaves.
 
@@ -165,14 +165,14 @@ def dequantise(counts: NDArray[np.uint16], range_max: float) -> NDArray[np.float
     return counts * np.float32(range_max / SCAN_COUNTS)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def wrap_angle(angle):
     """``angle`` (rad) wrapped to [-pi, pi)."""
     wrapped = (angle + np.pi) % (2.0 * np.pi) - np.pi
     return wrapped if wrapped < np.pi else -np.pi
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def pedestrians_in_view(pose, position, velocity, extent, out):
     """Write the nearest people in view to ``out`` (M, 4), near to far; returns how many.
 
@@ -214,7 +214,7 @@ def pedestrians_in_view(pose, position, velocity, extent, out):
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def goal_vector(pose_estimated, variance, goal, yaw_start, variance_limit, out):
     """Write the belief about the goal to ``out`` (6,): x, y, alpha, var_x, var_y, var_yaw.
 

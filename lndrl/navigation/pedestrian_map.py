@@ -10,13 +10,13 @@ farther, person overwrites. Sources: PAPER (state space), GROUP (parameters §4.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import TaskConfig
+from lndrl.kernels import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _disc_cells(x, y, cells, extent, radius, found):
     """Flat indices (row * cells + column) of the cells within ``radius`` of (x, y).
 
@@ -43,7 +43,7 @@ def _disc_cells(x, y, cells, extent, radius, found):
     return number
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _paint(pedestrians, count, cells, extent, radius, out, found):
     out[:] = 0.0
     for i in range(min(count, pedestrians.shape[0])):
@@ -58,14 +58,14 @@ def _paint(pedestrians, count, cells, extent, radius, out, found):
             out[2, row, column] = pedestrians[i, 3]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _paint_many(pedestrians, count, cells, extent, radius, out):
     found = np.empty(cells * cells, np.int32)
     for n in range(pedestrians.shape[0]):
         _paint(pedestrians[n], int(count[n]), cells, extent, radius, out[n], found)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def collect_many(pedestrians, count, cells, extent, radius, offsets, cell, velocity):
     """See ``pedestrian_cells``, which makes room for what is written here; returns how much is."""
     found = np.empty(cells * cells, np.int32)

@@ -8,10 +8,10 @@ formula is printed. Source: PAPER §III-A3, parameters §6.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import RewardConfig
+from lndrl.kernels import kernel
 from lndrl.navigation.observation import wrap_angle
 
 REWARD_PARTS = ("approach", "pose", "arrive", "collide", "lost", "step")
@@ -34,32 +34,32 @@ def pose_error_limit(reward: RewardConfig) -> float:
     return reward.pose_limit / abs(reward.pose)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def goal_distance(pose, goal):
     """Metres from ``pose`` (3,) to ``goal`` (2,)."""
     return np.hypot(goal[0] - pose[0], goal[1] - pose[1])
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def position_error(pose_true, pose_estimated):
     """Metres between true and estimated position."""
     return np.hypot(pose_true[0] - pose_estimated[0], pose_true[1] - pose_estimated[1])
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def angle_error(pose_true, pose_estimated):
     """Radians in [0, pi] between true and estimated yaw."""
     return abs(wrap_angle(pose_true[2] - pose_estimated[2]))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def pose_error(pose_true, pose_estimated):
     """Euclidean norm of (dx, dy, wrapped dyaw), metres and radians with equal weight."""
     position = position_error(pose_true, pose_estimated)
     return np.hypot(position, angle_error(pose_true, pose_estimated))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def is_lost(pose_true, pose_estimated, lost_distance, lost_angle):
     """Whether the estimate is farther from the truth than either threshold (m, rad)."""
     return (
@@ -68,13 +68,13 @@ def is_lost(pose_true, pose_estimated, lost_distance, lost_angle):
     )
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def has_arrived(pose_estimated, goal, arrive_distance):
     """Whether the ESTIMATED position lies within ``arrive_distance`` (m) of the goal."""
     return goal_distance(pose_estimated, goal) < arrive_distance
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def reward_parts(
     before,
     pose_true,
@@ -106,7 +106,7 @@ def reward_parts(
     out[5] = weights[5]
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def judge(before, pose_true, report, variance, goal, collided, limits, weights, parts, sums):
     """Pay and judge one control step in a single call; returns (reward, lost, arrived).
 

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
 from lndrl.localization.belief import Belief, Field, Settings
 from lndrl.localization.belief import Scratch as FilterScratch
 from lndrl.localization.bins import Bins
@@ -170,7 +171,7 @@ def _begin(robot, track, v, w):
     take_command(robot, v, w)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def drive_worlds(machine, first, commands, ticks):
     """``ticks`` ticks of the worlds from ``first`` on, with ``commands`` (W, 2): m/s, rad/s.
 
@@ -278,7 +279,7 @@ def _pay(robots, tracks, task, i):
     tracks.outcome[i, 0] = outcome
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def judge_worlds(machine, first, worlds, begun):
     """Observe ``worlds`` worlds from ``first`` on, and pay and judge what they have just driven.
 

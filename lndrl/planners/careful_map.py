@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.kernels import kernel
 from lndrl.localization.localizability import localizability_field
 from lndrl.maps.localizability import LocalizabilityField, deviation_at
 from lndrl.models import NonNegative, Positive
@@ -171,7 +171,7 @@ def _in_map(pose: Floats, point: Floats) -> Floats:
     return pose[:2] + np.array([cosine * x - sine * y, sine * x + cosine * y])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def map_prices(
     deviation, more, inverse_spacing, farthest, pose, firsts, ends, sure, unsure, look, way, out
 ):
@@ -199,7 +199,7 @@ def map_prices(
             out[i, j] += 0.5 * look * (here + there) + way * _between(more, inverse_spacing, x, y)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _between(values, inverse_spacing, x, y):
     """``values`` (rows, columns) at ``x``, ``y`` m, between the middles of places; at the edge what
     is there, beyond it too; 0 for NaN.

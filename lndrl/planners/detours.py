@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from lndrl.kernels import kernel
 
 _MOST_SWEEPS = 24
 _BLOCKED = 20.0  # times a free cell: one who starts in there finds its way out
 _CLOSE = 3.0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def octile(rows, columns):
     """Cells of the shortest way over eight neighbours between cells that far apart."""
     most, least = max(abs(rows), abs(columns)), min(abs(rows), abs(columns))
     return most + (math.sqrt(2.0) - 1.0) * least
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def stamp(points, cell, blocked, close, effort):
     """Write to ``effort`` (N, N) how many times a free cell each one counts.
 
@@ -48,7 +48,7 @@ def stamp(points, cell, blocked, close, effort):
                     effort[i, j] = max(effort[i, j], _CLOSE)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def spread(effort, goal, cell, out):
     """Write to ``out`` (N, N) how many m longer than straight the way to ``goal`` (2,) is.
 
@@ -101,7 +101,7 @@ def spread(effort, goal, cell, out):
             out[i, j] = cell * max(out[i, j] - octile(i - row, j - column), 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def detour_at(detours, cell, x, y):
     """``detours`` (N, N) at ``x``, ``y`` m, between the middles of cells; at the edge beyond it."""
     cells = min(detours.shape[0], detours.shape[1])
@@ -119,7 +119,7 @@ def detour_at(detours, cell, x, y):
     return (1.0 - a) * upper + a * lower
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def way_on(detours, cell, goal, x, y):
     """The bearing (rad) in which the way to ``goal`` (2,) becomes shorter from ``x``, ``y`` m."""
     dx, dy = goal[0] - x, goal[1] - y

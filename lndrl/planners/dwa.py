@@ -12,11 +12,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
 from lndrl.config import RunConfig
+from lndrl.kernels import kernel
 from lndrl.models import Count, Model, NonNegative, Positive
 from lndrl.navigation import Observation
 from lndrl.navigation.observation import SCAN_COUNTS
@@ -107,7 +107,7 @@ class DWAPlanner:
         return 0.0, self._limits[3] if left else self._limits[2]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def candidates(least, most, resolution):
     """Evenly from ``least`` to ``most`` (n,), both included, no further apart than
     ``resolution``."""
@@ -120,7 +120,7 @@ def candidates(least, most, resolution):
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def best_velocities(
     commands, scan, goal, used, directions, range_max, window, limits, period, steps, radius,
     weights, out,
@@ -159,7 +159,7 @@ def best_velocities(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def best_velocity(
     linear, angular, goal, points, period, steps, radius, weights, fastest, out
 ):  # fmt: skip

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
 from lndrl.planners.detours import detour_at, spread, stamp, way_on
 
 Floats = NDArray[np.float64]
@@ -102,7 +102,7 @@ def make_rollouts(actions: Floats, first: Floats, second: Floats, price: Floats)
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def near_points(scan, directions, scale, reach, spacing, people, count, person_reach, out):
     """Write echoes that are walls within ``reach`` m to ``out`` (P, 2); returns how many.
 
@@ -140,7 +140,7 @@ def near_points(scan, directions, scale, reach, spacing, people, count, person_r
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def spread_out(points, out):
     """Copy ``points`` (P, 2) to ``out`` (F, 2), of too many evenly some; returns how many."""
     kept = min(points.shape[0], out.shape[0])
@@ -149,7 +149,7 @@ def spread_out(points, out):
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def keep_near(points, reach):
     """Move those of ``points`` (P, 2) within ``reach`` m to the front; returns how many."""
     kept = 0
@@ -160,7 +160,7 @@ def keep_near(points, reach):
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def measure(path, times, points, people, prices, nearest_wall, nearest_person, touch, limit):
     """How near ``path`` (T, 2), m at ``times`` (T,) s, comes to walls and people.
 
@@ -195,7 +195,7 @@ def measure(path, times, points, people, prices, nearest_wall, nearest_person, t
     return nearest_wall, nearest_person, touch, cost
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def depth_of(clearance, margin):
     """How bad a ``clearance`` (m) below ``margin`` is: from TOUCHED there to 1 at none; else 0."""
     if not clearance < margin:
@@ -203,7 +203,7 @@ def depth_of(clearance, margin):
     return TOUCHED + (1.0 - TOUCHED) * min(1.0 - clearance / margin, 1.0) if margin > 0.0 else 1.0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def clearance_cost(wall, person, touch, prices):
     """What the least clearances (m) and the price of touching come to."""
     cost = touch
@@ -214,7 +214,7 @@ def clearance_cost(wall, person, touch, prices):
     return cost
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def out_of_view(features, x, y, yaw, sight):
     """Share of ``features`` (F, 2) behind the pose or farther than ``sight`` m from it."""
     if features.shape[0] == 0:
@@ -228,7 +228,7 @@ def out_of_view(features, x, y, yaw, sight):
     return 1.0 - seen / features.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def arrival(path, goal, arrive):
     """Index of the first of ``path`` (T, 2) within ``arrive`` m of ``goal`` (2,), else T."""
     for k in range(path.shape[0]):
@@ -238,7 +238,7 @@ def arrival(path, goal, arrive):
     return path.shape[0]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def goal_costs(rollouts, prices, goal, detours, features, turning, start, i, base, ends):
     """Write what pairs that begin with action ``i`` cost but for clearances to ``base`` (A,).
 
@@ -288,7 +288,7 @@ def goal_costs(rollouts, prices, goal, detours, features, turning, start, i, bas
     return before, least
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def first_costs(
     rollouts, prices, goal, detours, features, points, people, turning, start, every, base, ends,
     out,
@@ -329,7 +329,7 @@ def first_costs(
         best = min(best, out[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def decide(
     scans, directions, scale, sight, reach, spacing, pedestrians, counts, person_reach, goals,
     rollouts, prices, turning, start, every, points, base, ends, effort, detours,

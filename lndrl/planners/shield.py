@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.kernels import expect
+from lndrl.kernels import expect, kernel
 from lndrl.models import Model, NonNegative, Seconds
 from lndrl.navigation import Observation, action_table
 from lndrl.planners.rollouts import arc_poses
@@ -125,7 +124,7 @@ def choose(
     return np.where(vetoed, chosen, own), vetoed
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def first_touches(paths, times, pedestrians, counts, reach, margin, out):
     """Write to ``out`` (B, A) at which of T looks each action first touches somebody, else T.
 

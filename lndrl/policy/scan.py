@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from numba import njit
 from torch import Tensor
 from torch.autograd import Function
 
+from lndrl.kernels import kernel
 from lndrl.policy.sparse import product
 
 _CHUNK = 16  # scans at a time, so that their windows stay in the cache
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _windows(scan, weight, bias, stride, step, hidden, out):
     """ReLU of the first convolution, as the windows that the second one reads.
 
@@ -43,7 +43,7 @@ def _windows(scan, weight, bias, stride, step, hidden, out):
                     out[n, i, k * channels + c] = hidden[i * step + k, c]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _relu_by_channel(values, out):
     """out[n, c, i] = relu(values[n, i, c])."""
     for n in range(values.shape[0]):
@@ -52,7 +52,7 @@ def _relu_by_channel(values, out):
                 out[n, c, i] = max(values[n, i, c], 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _relu_by_position(gradient, output, out):
     """The gradient of ``_relu_by_channel``, whose result was ``output``."""
     for n in range(out.shape[0]):
@@ -61,8 +61,8 @@ def _relu_by_position(gradient, output, out):
                 out[n, i, c] = gradient[n, c, i] if output[n, c, i] > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
-def _windows_gradient(gradient, windows, scan, stride, step, hidden, weight, bias):
+@kernel()
+def windows_gradient(gradient, windows, scan, stride, step, hidden, weight, bias):
     """Adds the gradients of ``_windows`` to weight (K1, C) and bias (C,); hidden as there."""
     length, channels = hidden.shape
     for n in range(scan.shape[0]):
@@ -177,7 +177,7 @@ class _First:
         weight: Tensor,
         bias: Tensor,
     ) -> None:
-        _windows_gradient(
+        windows_gradient(
             by_window.numpy(),
             windows.numpy(),
             scan.numpy(),

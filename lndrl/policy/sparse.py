@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from numba import njit
 from torch import Tensor
 from torch.autograd import Function
 
+from lndrl.kernels import kernel
 from lndrl.policy.structure import Level, MapStructure
 
 _NONE = 255  # of the pooled outputs none was above zero
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, winner):
     """out[b] = relu(max over outputs s of a block) - pool_empty; winner[b] = the s that won.
 
@@ -55,7 +55,7 @@ def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, w
             out[b, j] -= pool_empty[place, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _spread(gradient, winner, targets, outputs, out):
     """The gradient of ``_sum_and_pool`` by products: out (R, 9 * O)."""
     channels = gradient.shape[1]
@@ -73,7 +73,7 @@ def _spread(gradient, winner, targets, outputs, out):
                     out[row, start + j] = gradient[b, j] if winner[b, j] == s else zero
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
     """The gradient of ``_sum_and_pool`` by conv_empty and pool_empty."""
     outputs = stand_in.shape[1] - 1
@@ -88,7 +88,7 @@ def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
                     conv_out[place, j] += gradient[b, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _add_rows(rows, index, out):
     """out[index[i]] += rows[i]."""
     for i in range(rows.shape[0]):

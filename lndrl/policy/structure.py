@@ -14,10 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import TaskConfig
+from lndrl.kernels import kernel
 from lndrl.navigation import Observation
 from lndrl.navigation.pedestrian_map import pedestrian_cells
 
@@ -131,7 +131,7 @@ def stand_in_cells(size: int, pooling: int) -> NDArray[np.int64]:
     return (near[:, None] * small + near[None, :]).reshape(-1)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _in_stand_in(y, x, size, small):
     """The place in a stand-in of ``small`` x ``small`` that sees what (y, x) of ``size`` sees."""
     half = small // 2
@@ -140,7 +140,7 @@ def _in_stand_in(y, x, size, small):
     return yy * small + xx
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _level(cells, ends, size, small, pooling):
     """The arrays of a Level on a map of ``size``, whose rows that may differ lie at ``cells``.
 
@@ -195,7 +195,7 @@ def _level(cells, ends, size, small, pooling):
     return taps[:count], targets, stand_in[:count], blocks[:count], block_ends
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _by_cell(blocks, ends, cells):
     """Blocks sorted by cell (stable), as ``order``, ``starts`` and ``sample`` of MapStructure."""
     starts = np.zeros(cells + 1, np.int64)

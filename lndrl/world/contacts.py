@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.world.orca_walls import tile_of
 
 Hit = Literal["", "wall", "pedestrian"]
@@ -19,7 +19,7 @@ HITS: tuple[Hit, Hit, Hit] = ("", "wall", "pedestrian")
 NOTHING, WALL, PEDESTRIAN = range(3)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def wall_gap(x, y, walls):
     """Metres from a point to the nearest edge of ``walls`` (``Walls``) within their reach."""
     nearest2 = np.inf
@@ -41,7 +41,7 @@ def wall_gap(x, y, walls):
     return np.sqrt(nearest2)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def contact(pose, legs, walls, distance, inverse_resolution, robot_radius, leg_radius):
     """What the robot's disc at ``pose`` touches: NOTHING, WALL or PEDESTRIAN.
 

@@ -6,7 +6,8 @@ Only additions, multiplications and one division, so no libm and no compiler dec
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from lndrl.kernels import kernel
 
 NOTHING = 17.0
 """Exponent from which ``exp(-x)``, below 5e-8, is not worth computing where forces are O(1)."""
@@ -17,7 +18,7 @@ _TABLE = np.exp(-np.arange(int(_LAST * _STEPS) + 1) / _STEPS)
 _TAN_22_5 = 0.4142135623730951
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def exp_minus(x):
     """``exp(-x)`` for x >= 0, relative error below 3e-10; 0 from 24 on, and for NaN."""
     if not x < _LAST:
@@ -27,7 +28,7 @@ def exp_minus(x):
     return _TABLE[entry] * (1.0 - r * (1.0 - r * (0.5 - r * (1.0 / 6.0 - r * (1.0 / 24.0)))))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def angle_of(y, x):
     """``arctan2(y, x)`` (rad) to 1e-11; 0 for the zero vector."""
     a, b = abs(x), abs(y)

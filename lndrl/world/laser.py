@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig
+from lndrl.kernels import kernel
 from lndrl.maps.edges import (
     FaceScratch,
     RayMap,
@@ -125,7 +126,7 @@ def beams_of(config: LaserConfig, stride: int) -> int:
     return (config.beams + stride - 1) // stride
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def noisy_scan(ray_map, fan, pose, legs, leg_radius, stride, state, scratch, out):
     """Fill ``out`` (m, float32, ``(n,)``) with readings of beams 0, stride, ..., n beams in all.
 
@@ -146,7 +147,7 @@ def _beams(fan, stride, scratch, out):
     return min(len(out), there, len(scratch.ranges))
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def trace(ray_map, fan, pose, legs, leg_radius, stride, scratch, out):
     """Fill ``out`` with true ranges; arguments as for ``noisy_scan``.
 
@@ -158,7 +159,7 @@ def trace(ray_map, fan, pose, legs, leg_radius, stride, scratch, out):
     trace_legs(fan, pose, legs, leg_radius, stride, beams)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def trace_walls(ray_map, fan, pose, stride, scratch, out):
     """Ranges to walls, by the cheaper of two ways; both give the same ranges to 1e-4 m."""
     x = (pose[0] - ray_map.origin_x) * ray_map.inverse_resolution
@@ -181,7 +182,7 @@ def trace_walls(ray_map, fan, pose, stride, scratch, out):
         scan_rays(ray_map, fan, pose, stride, out)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def scan_rays(ray_map, fan, pose, stride, out):
     """Ranges to walls, ray by ray; from outside of the grid ``range_max``."""
     c = np.cos(pose[2])
@@ -202,7 +203,7 @@ def scan_rays(ray_map, fan, pose, stride, out):
         )
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def trace_legs(fan, pose, legs, radius, stride, out):
     """Shorten the ranges of those beams that meet a leg; exact ray-circle intersection."""
     c = np.cos(pose[2])
@@ -242,7 +243,7 @@ def trace_legs(fan, pose, legs, radius, stride, out):
                 _shorten(fan.cosines, fan.sines, x, y, radius2, stride, begin, end, out)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _shorten(cosines, sines, x, y, radius2, stride, begin, end, out):
     """Beams begin..end against one disc; indices without a sign, so that the loop vectorises."""
     first = np.uint64(begin)
@@ -259,7 +260,7 @@ def _shorten(cosines, sines, x, y, radius2, stride, begin, end, out):
         out[k] = at if nearer else out[k]
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def add_noise(ranges, fan, state, normals, out):
     """Readings ``out`` of true ``ranges`` (m, float32, ``(n,)``; not the same array).
 
@@ -293,7 +294,7 @@ def add_noise(ranges, fan, state, normals, out):
         i += 1 + _gap(fan.gap_scale, state)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _gap(scale, state):
     """True readings before the next other one: geometric, by inversion; 0 for a scale of 0."""
     return np.int64(min(np.log(1.0 - uniform(state)) * scale, 1e15))

@@ -8,19 +8,19 @@ v and w each multiplied by a slip factor from N(1, deviation^2), drawn once per 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.randomness import normal
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def wrap(angle):
     """Angle (rad) in [-pi, pi)."""
     wrapped = (angle + np.pi) % (2.0 * np.pi) - np.pi
     return wrapped if wrapped < np.pi else -np.pi  # rounding may return the open end
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def drive(pose, v, w, time):
     """Move ``pose`` [x, y, yaw] (m, rad) in place along the arc of v (m/s), w (rad/s)."""
     yaw = pose[2]
@@ -34,14 +34,14 @@ def drive(pose, v, w, time):
     pose[2] = wrap(yaw + w * time)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def draw_slip(slip, deviation, state):
     """Fill ``slip`` [factor of v, factor of w] from N(1, deviation^2), independent."""
     slip[0] = 1.0 + deviation * normal(state)
     slip[1] = 1.0 + deviation * normal(state)
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def move_robot(pose, odometry, command, slip, time):
     """One tick of the robot and its odometer, both in place; ``command`` [v, w]."""
     drive(pose, command[0], command[1], time)

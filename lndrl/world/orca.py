@@ -9,12 +9,13 @@ come first and are never given up.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from lndrl.kernels import kernel
 
 _EPSILON = 1e-5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def orca_line(
     relative_x,
     relative_y,
@@ -67,7 +68,7 @@ def orca_line(
     return velocity_x + 0.5 * ux, velocity_y + 0.5 * uy, dx, dy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _linear_program_1(lines, index, radius, target_x, target_y, by_direction):
     px, py, dx, dy = lines[index, 0], lines[index, 1], lines[index, 2], lines[index, 3]
     dot = px * dx + py * dy
@@ -98,7 +99,7 @@ def _linear_program_1(lines, index, radius, target_x, target_y, by_direction):
     return True, px + t * dx, py + t * dy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def linear_program_2(lines, count, radius, target_x, target_y, by_direction):
     """Velocity nearest to the target (or farthest along it) inside disc and half-planes.
 
@@ -124,7 +125,7 @@ def linear_program_2(lines, count, radius, target_x, target_y, by_direction):
     return count, x, y
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def linear_program_3(lines, count, firm, begin, radius, x, y, projected):
     """Velocity with the smallest worst violation when no velocity meets every half-plane.
 
@@ -163,7 +164,7 @@ def linear_program_3(lines, count, firm, begin, radius, x, y, projected):
     return x, y
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def near_agents(agent, position, agents, reach, most, nearest, distance2):
     """Rows of up to ``most`` agents nearer than ``reach`` m, nearest first; returns how many.
 
@@ -199,7 +200,7 @@ def near_agents(agent, position, agents, reach, most, nearest, distance2):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def orca_velocity(
     agent,
     position,

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.errors import UserError
+from lndrl.kernels import kernel
 
 _EPSILON = 1e-5
 _STRAIGHT = 1e-4  # rad
@@ -132,7 +133,7 @@ def tile_boxes(
     return np.hstack([first, last]).astype(np.int64)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def insert_edges(edges, boxes, middles, far, columns, places, members, write):
     """Count each tile's edges into ``places``, or ``write`` them to ``members`` from there on."""
     for e in range(len(edges)):
@@ -150,7 +151,7 @@ def insert_edges(edges, boxes, middles, far, columns, places, members, write):
                     places[tile] += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def near_edges(x, y, edges, members, begin, end, reach, nearest, distance2):
     """Edges within ``reach`` m that the point faces, nearest first, into ``nearest`` (int64).
 
@@ -191,7 +192,7 @@ def near_edges(x, y, edges, members, begin, end, reach, nearest, distance2):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _covered(lines, count, ax, ay, bx, by, margin):
     """Whether one half-plane already keeps ``margin`` to both scaled corners."""
     for j in range(count):
@@ -212,7 +213,7 @@ def _put(lines, count, px, py, dx, dy):
     return count + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def tile_of(x, y, rows, columns, left, bottom):
     """Number of the tile that holds the point, -1 outside (arguments as in ``Walls``)."""
     column = np.floor((x - left) * (1.0 / _TILE))
@@ -223,7 +224,7 @@ def tile_of(x, y, rows, columns, left, bottom):
     return int(row) * columns + int(column)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def wall_lines(
     x,
     y,
@@ -262,7 +263,7 @@ def wall_lines(
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _edge_line(edges, e, x, y, vx, vy, radius, inverse, lines, count):
     """Append the half-plane of one edge where it has one; returns the new count."""
     ax, ay = edges[e, _X] - x, edges[e, _Y] - y
@@ -342,7 +343,7 @@ def _edge_line(edges, e, x, y, vx, vy, radius, inverse, lines, count):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _nearest_border(
     px,
     py,

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import CrowdConfig
+from lndrl.kernels import kernel
 from lndrl.maps.raycast import sample_field
 from lndrl.world.elementary import angle_of
 from lndrl.world.orca import orca_velocity
@@ -140,7 +140,7 @@ class Crowd:
         _advance(self._workplace, robot_pose, robot_command)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _choose_target(i, position, route, route_length, target, direction, shuttle, reach):
     """Advance the waypoint of pedestrian ``i`` when reached; True: arrived for good."""
     here = min(max(target[i], 0), route.shape[1] - 1)
@@ -171,7 +171,7 @@ def _choose_target(i, position, route, route_length, target, direction, shuttle,
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _aim(count, people, reach, feels, aim):
     """Where everybody wants to go: preferred velocity (ORCA) or direction (SFM), into ``aim``.
 
@@ -205,7 +205,7 @@ def _aim(count, people, reach, feels, aim):
     return social
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _keep_right(i, position, agents, reach, slope, aim):
     """Turn the aim of ``i`` to the right by atan(slope) while somebody within ``reach`` is ahead.
 
@@ -222,7 +222,7 @@ def _keep_right(i, position, agents, reach, slope, aim):
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _sfm_velocity(i, position, velocity, force, aim, distance, inverse_resolution, p):
     """New velocity by repulsion ``force``, ``aim`` (a unit vector or none) and walls."""
     fx = p.social * force[i, 0] + p.desired * aim[i, 0]
@@ -247,7 +247,7 @@ def _sfm_velocity(i, position, velocity, force, aim, distance, inverse_resolutio
     return vx, vy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _orca_velocity(i, agents, people, walls, p, scratch):
     """New velocity by ORCA towards ``scratch.aim``, among people and walls."""
     position, velocity, aim = people.position, people.velocity, scratch.aim
@@ -294,7 +294,7 @@ def _orca_velocity(i, agents, people, walls, p, scratch):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _walk(i, position, velocity, distance, inverse_resolution, tick, radius):
     """Move pedestrian ``i`` by one tick without entering walls; returns metres walked."""
     x = position[i, 0]
@@ -320,7 +320,7 @@ def _walk(i, position, velocity, distance, inverse_resolution, tick, radius):
     return np.sqrt((new_x - x) ** 2 + (new_y - y) ** 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs):
     """Legs of pedestrian ``i``, who looks along the unit vector (c, s)."""
     phase = int(travelled[i] / step_length) % 8
@@ -333,7 +333,7 @@ def _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs):
     legs[2 * i + 1, 1] = y + forward * s - leg_offset * c
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def place_legs(count, position, heading, travelled, step_length, leg_offset, legs):
     """Legs (2i: left, 2i + 1: right) by the eight-phase gait; a phase per step length."""
     for i in range(min(count, len(heading), len(legs) // 2)):
@@ -341,7 +341,7 @@ def place_legs(count, position, heading, travelled, step_length, leg_offset, leg
         _put_legs(i, position, travelled, c, s, step_length, leg_offset, legs)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _move(count, people, new_velocity, distance, inverse_resolution, p):
     """Everybody walks a tick with ``new_velocity``, as far as walls let them; then the legs."""
     position, velocity, heading = people.position, people.velocity, people.heading
@@ -363,7 +363,7 @@ def _move(count, people, new_velocity, distance, inverse_resolution, p):
 
 
 # Without reference counts (``_nrt``): taking arrays out of tuples would cost more than the tick.
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
     """One tick of one world's crowd: ``People``, pose [x, y, yaw], command [v, w],
     ``Surroundings``, ``CrowdParameters``, ``Scratch``.
@@ -409,7 +409,7 @@ def advance_people(people, robot_pose, robot_command, surroundings, p, scratch):
     _move(count, people, new_velocity, distance, inverse_resolution, p)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _advance(workplace, robot_pose, robot_command):
     people, around, parameters, scratch = workplace
     advance_people(

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from lndrl.config import TaskConfig, WorldConfig
 from lndrl.errors import UserError
-from lndrl.kernels import expect
+from lndrl.kernels import expect, kernel
 from lndrl.maps.edges import RayMap, ray_map
 from lndrl.maps.embedded import unpack, with_map
 from lndrl.maps.floors import edge_note, floor_around
@@ -343,7 +342,7 @@ def _with_ways(place: Place) -> Scenario:
     return scenario.model_copy(update={"pedestrians": people})
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def draw_free(distance, inverse_resolution, x_min, y_min, x_max, y_max, room, state, tries):
     """Uniform point of a box with ``room`` m to every wall; (nan, nan) after ``tries``."""
     for _ in range(tries):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
 from lndrl.randomness import uniform
 from lndrl.scenario import Pedestrians
 from lndrl.world.pedestrians import ORCA, SFM
@@ -57,7 +57,7 @@ def make_routes(people: Pedestrians) -> Routes:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _choose_route(weight, state):
     left = uniform(state) * weight.sum()
     for i in range(len(weight)):
@@ -67,7 +67,7 @@ def _choose_route(weight, state):
     return len(weight) - 1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _draw_path(routes, r, distance, inverse_resolution, state, path):
     """Write a way along route ``r`` to ``path`` (W + 2, 2); returns its number of points."""
     length = min(routes.vias[r] + 2, len(path))
@@ -88,7 +88,7 @@ def _draw_path(routes, r, distance, inverse_resolution, state, path):
     return length
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def point_along(path, length, fraction):
     """Point (x, y) at ``fraction`` of a path of ``length`` points, and the index ahead of it."""
     whole = 0.0
@@ -106,7 +106,7 @@ def point_along(path, length, fraction):
     return path[0, 0], path[0, 1], 1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _score(people, i, x, y, robot):
     """How good a spot is for person ``i``: 0 where everybody keeps the gaps, else less."""
     nearest = PEDESTRIAN_GAP
@@ -118,7 +118,7 @@ def _score(people, i, x, y, robot):
     return 100.0 * robot_gap + (nearest - PEDESTRIAN_GAP)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def place_people(people, routes, distance, inverse_resolution, robot, max_speed, gait, state):
     """Draw the crowd of an episode: number, routes, models, and a spot along each route.
 

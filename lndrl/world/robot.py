@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lndrl.kernels import kernel
 from lndrl.randomness import State
 from lndrl.world.odometry import draw_slip
 
@@ -55,7 +55,7 @@ def robot_of(robots: Robot, world: int) -> Robot:
     return Robot(*(array[world] for array in robots))
 
 
-@njit(cache=True, nogil=True, _nrt=False)
+@kernel(_nrt=False)
 def take_command(robot, v, w):
     """Set the velocities of the coming ticks and draw how much the wheels slip in them."""
     robot.command[0] = v

@@ -7,13 +7,13 @@ of the group's 0.4 s; decay and gain are that rule for any tick, equal to it at 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.maps.raycast import sample_field
 from lndrl.world.elementary import NOTHING, angle_of, exp_minus
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def pair_force(dx, dy, slip_x, slip_y, strength_lambda, gamma, n, n_prime, cutoff):
     """Repulsion (fx, fy) that an agent feels from another, who feels its negative.
 
@@ -51,7 +51,7 @@ def pair_force(dx, dy, slip_x, slip_y, strength_lambda, gamma, n, n_prime, cutof
     return slow_down * ix - turn * iy, slow_down * iy + turn * ix
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def social_forces(
     position,
     velocity,
@@ -99,7 +99,7 @@ def social_forces(
             force[j, 1] -= fy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@kernel(error_model="numpy", _nrt=False)
 def obstacle_force(distance, inverse_resolution, x, y, radius, sigma):
     """Push (fx, fy) away from the nearest wall, ``exp(-(clearance - radius) / sigma)``.
 
@@ -116,7 +116,7 @@ def obstacle_force(distance, inverse_resolution, x, y, radius, sigma):
     return amount * slope_x, amount * slope_y
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@kernel(error_model="numpy", _nrt=False, forceinline=True)
 def _slope(distance, inverse_resolution, x, y):
     """Field at a point, and its differences over two cells in x and in y."""
     column = x * inverse_resolution - 0.5
@@ -149,7 +149,7 @@ def _slope(distance, inverse_resolution, x, y):
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def relaxation(tick, period):
     """Decay and gain of the velocity update over ``tick`` seconds (see the module's text)."""
     decay = 0.5 ** (tick / period)

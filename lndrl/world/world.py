@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import WorldConfig
+from lndrl.kernels import kernel
 from lndrl.maps.edges import RayMap
 from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import people as crowd_arrays
@@ -70,7 +71,7 @@ def tick_inline(robot, people, setting, scratch):
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def tick_world(robot, people, setting, scratch):
     """``tick_inline`` for callers in Python."""
     tick_inline(robot, people, setting, scratch)

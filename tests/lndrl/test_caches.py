@@ -24,6 +24,9 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     copy.mkdir(parents=True)
     for file in (ROOT / "lndrl").glob("*.py"):
         shutil.copy(file, copy)
+    shutil.copytree(
+        ROOT / "lndrl/kernels", copy / "kernels", ignore=shutil.ignore_patterns("__pycache__")
+    )
     (copy / "__pycache__").write_text("a file in the place of the folder")
     monkeypatch.setenv("HOME", str(copy / "__init__.py" / "home"))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))

@@ -140,7 +140,8 @@ def run_plans(
         tasks += [Task(first + task.cell, task.episodes) for task in plan.missing()]
         first += len(plan.cells)
     work = (tuple(cell for _, cell in cells),)
-    results = run_tasks(_make_work, work, tasks, min(workers, len(tasks)))
+    first_config = cells[0][1].config if cells else None
+    results = run_tasks(_make_work, work, tasks, min(workers, len(tasks)), first_config)
     with closing(results):
         for number, records in results:
             plan, cell = cells[number]

@@ -49,7 +49,8 @@ def trace_episodes(
     ]
     found: list[tuple[int, Trace]] = []
     arguments = (source, tuple(configs), greedy)
-    with closing(run_tasks(_make_work, arguments, tasks, min(workers, len(tasks)))) as results:
+    results = run_tasks(_make_work, arguments, tasks, min(workers, len(tasks)), configs[0])
+    with closing(results):
         for place, trace in results:
             found.append((place, trace))
             if progress is not None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from lndrl.kernels import kernel
 from lndrl.localization.angles import wrap
 from lndrl.localization.belief import COUNT, CURRENT, EFFECTIVE_COUNT, Belief
 from lndrl.localization.belief import Scratch as FilterScratch
@@ -26,13 +26,13 @@ from lndrl.world.robot import Robot
 _FLOATS = len(NAMES)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def squash(value, unit):
     """``value`` on a scale that is linear below ``unit`` and logarithmic above, sign kept."""
     return math.copysign(math.log1p(abs(value) / unit), value)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _write_errors(pose_true, pose, report, out):
     """Floats 0 to 4: the filter's ``pose`` (3,), and ``report`` (9,) as in ``Track.reports``."""
     dx, dy = pose[0] - pose_true[0], pose[1] - pose_true[1]
@@ -44,7 +44,7 @@ def _write_errors(pose_true, pose, report, out):
     out[4] = squash(abs(wrap(report[2] - report[8])), POSE_UNIT)
 
 
-@njit(cache=True, nogil=True, _nrt=False, error_model="numpy")
+@kernel(_nrt=False, error_model="numpy")
 def _write_filter(pose_true, belief, scratch, bins, places, out):
     """Floats 5 to 12; ``places`` (2, 3) is room to work in."""
     count, room = belief.numbers[COUNT], math.log(max(belief.weights.size, 2))
@@ -67,7 +67,7 @@ def _write_filter(pose_true, belief, scratch, bins, places, out):
         out[12] = squash(math.hypot(x - pose_true[0], y - pose_true[1]), POSE_UNIT)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _write_surroundings(pose, goal, position, velocity, extent, out):
     """Floats 13 to 17; ``position`` and ``velocity`` (P, 2) of everybody, in the map frame."""
     half = 0.5 * extent
@@ -93,7 +93,7 @@ def _write_surroundings(pose, goal, position, velocity, extent, out):
     out[15] = math.log1p(unseen)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def know_worlds(machine, first, out):
     """Write the floats of the worlds from ``first`` on to ``out`` (n, len(NAMES)), float32.
 

@@ -14,7 +14,7 @@ import pytest
 
 from lndrl import kernels
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def run(script: str, **environment: str) -> tuple[str, str]:
@@ -79,7 +79,7 @@ if {policy}:
 else:
     from lndrl.navigation import VectorNavigation
     VectorNavigation(config, 0, 1).step_velocities(__import__("numpy").zeros((1, 2)))
-expected = kernels._watch.needed
+expected = kernels.expected()
 found = {{id(v): v for m in list(sys.modules.values()) if m.__name__.startswith("lndrl")
           for v in vars(m).values() if isinstance(v, Dispatcher) and v.overloads}}
 names = lambda chosen: sorted(f"{{k.py_func.__module__}}.{{k.py_func.__name__}}" for k in chosen)
@@ -101,7 +101,7 @@ def test_what_is_expected_is_what_is_called(policy: bool, critic: bool) -> None:
 
 def test_lines_come_at_once_and_then_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("lndrl.kernels.time.monotonic", lambda: now)
+    monkeypatch.setattr("lndrl.kernels.watch.time.monotonic", lambda: now)
     said: list[str] = []
     lines = kernels.Lines(said.append)
     for second in (0.0, 1.0, 9.9, 10.1, 15.0, 20.2):

@@ -70,7 +70,10 @@ class _Watch(event.Listener):
     def progress(self) -> tuple[int, int]:
         """How many are ready, of how many that are needed."""
         needed = dict(self.needed)
-        ready = reached(kernel for kernel in needed.values() if kernel.overloads)
+        # Of those that are kept it does not matter which process has compiled them.
+        ready = reached(
+            k for k in needed.values() if k.overloads or getattr(k._cache, "is_kept", False)
+        )
         return len(needed.keys() & ready.keys()), len(needed)
 
 
@@ -84,6 +87,21 @@ def expect(*kernels: Any) -> None:
     What nobody expected counts from when it is first called.
     """
     _watch.needed |= reached(kernels)
+
+
+def expected() -> dict[int, Any]:
+    """The kernels that are needed, as far as is known, by identity."""
+    return dict(_watch.needed)
+
+
+@contextmanager
+def waiting() -> Iterator[Callable[[], None]]:
+    """While another process compiles what is needed here; to be called now and then meanwhile."""
+    _watch.depth += 1
+    try:
+        yield lambda: tell(*_watch.progress())
+    finally:
+        _watch.depth -= 1
 
 
 def in_progress() -> tuple[int, int] | None:

@@ -1,0 +1,116 @@
+"""Kernels compiled ahead, by a process that waits for others who will need them.
+
+Those who step worlds all come to the same kernels in the same order, and each kernel is compiled by
+one process alone (``lndrl.kernels``). So whoever has nothing to do meanwhile, a learner without
+samples or the parent of workers, begins at the other end, and two cores are busy instead of one.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Thread
+
+import numpy as np
+
+from lndrl.config import RunConfig
+from lndrl.kernels import is_kept
+from lndrl.localization import LikelihoodMap
+from lndrl.localization.belief import (
+    belief_of,
+    make_beliefs,
+    make_field,
+    make_scratch,
+    make_settings,
+)
+from lndrl.localization.bins import make_bins
+from lndrl.localization.resampling import kld_limits
+from lndrl.localization.update import reset_belief, update_belief
+from lndrl.maps.grid import OccupancyGrid
+from lndrl.navigation import Observation
+from lndrl.navigation.batch import NavigationBatch
+from lndrl.navigation.navigation import build_surroundings
+from lndrl.navigation.step import drive_worlds, judge_worlds
+from lndrl.planners import teacher_of
+from lndrl.planners.rollouts import decide
+from lndrl.policy import build_policy
+from lndrl.policy.inputs import prepare, supports_sparse
+from lndrl.policy.scan import windows_gradient
+
+_MAP = 40  # cells of the map that a filter is tried on
+
+logger = logging.getLogger("lndrl")
+
+
+@contextmanager
+def compiling_ahead(config: RunConfig, training: bool = True) -> Iterator[None]:
+    """Compile in a thread of its own, while this lasts or longer, what ``config`` will need.
+
+    ``training``: with its teacher. Does nothing where all is kept. What goes wrong there is left to
+    those who will need it.
+    """
+    if missing := _missing(config, training):
+        # daemon: nobody waits for a kernel when the program ends.
+        Thread(target=_compile, args=(config, missing), name="ahead", daemon=True).start()
+    yield
+
+
+def _missing(config: RunConfig, training: bool) -> list[Callable[[RunConfig], None]]:
+    """What has to be done, in the order opposite to that of who steps worlds."""
+    work = [(drive_worlds, _step), (judge_worlds, _step)]
+    if training and config.ppo.teacher is not None:
+        work.insert(0, (decide, _teach))
+    if config.localization.kind == "amcl":
+        work.insert(0, (update_belief, _localize))
+    if training and config.learner.device == "cpu" and supports_sparse(config):
+        work.append((windows_gradient, _learn))
+    return list(dict.fromkeys(each for kernel, each in work if not is_kept(kernel)))
+
+
+def _compile(config: RunConfig, missing: list[Callable[[RunConfig], None]]) -> None:
+    try:
+        for each in missing:
+            each(config)
+    except Exception:
+        logger.debug("kernels could not be compiled ahead", exc_info=True)
+
+
+def _localize(config: RunConfig) -> None:
+    """A filter's first update, in the middle of an empty room; called as worlds call it."""
+    laser, localization = config.world.laser, config.localization
+    walls = np.ones((_MAP, _MAP), bool)
+    walls[1:-1, 1:-1] = False
+    grid = OccupancyGrid(walls, config.scenario.resolution)
+    middle = np.array([0.5 * _MAP * grid.resolution] * 2 + [0.0])
+    belief = belief_of(make_beliefs(1, localization), 0)
+    scratch, bins = make_scratch(localization, laser), make_bins(localization)
+    reset_belief(middle, np.array(localization.initial_deviations), belief, scratch, bins)
+    readings = np.full(2, laser.range_max, np.float32)
+    update_belief(
+        middle, readings, np.zeros(2, np.float32), belief, scratch, bins, kld_limits(localization),
+        make_field(LikelihoodMap.build(grid, localization, laser)),
+        make_settings(localization, laser), True,
+    )  # fmt: skip
+
+
+def _teach(config: RunConfig) -> None:
+    """The teacher's costs of one observation."""
+    planner = teacher_of(config)
+    planner.reset(config.seed, [0])
+    planner.costs(Observation.zeros_for(1, config), np.zeros(1, np.int64))
+
+
+def _step(config: RunConfig) -> None:
+    """A control step of no worlds at all."""
+    place, field = build_surroundings(config)
+    batch = NavigationBatch(place, field, config, 1, Observation.zeros_for(1, config))
+    batch.judge(0, 0)
+    batch.drive(np.zeros((0, 2)))
+
+
+def _learn(config: RunConfig) -> None:
+    """A gradient of nothing in particular."""
+    observation = Observation.zeros_for(1, config)
+    observation.pedestrian_count[:] = 1
+    build_policy(config)(prepare(observation, config)).sum().backward()
