@@ -15,6 +15,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = Path(__file__).resolve().parents[1].name
 
+# All that kernels get from this room: how they are kept does not change what they are.
+_DECORATOR = Path(__file__).with_name("decorator.py")
+_HERE = f"{PACKAGE}.kernels"
+
 # Imports at the left margin: what stands in a function or under TYPE_CHECKING is no global.
 _IMPORTS = re.compile(
     rf"^(?:from ({PACKAGE}[\w.]*) import (?:\(([^)]*)\)|([^\n#]*))|import ({PACKAGE}[\w.]+))",
@@ -31,7 +35,7 @@ def name_of(file: Path) -> str:
 @cache
 def digest(file: Path) -> str:
     """Hash, 16 hex digits, of ``file`` and of all in the package that it imports, however far."""
-    found: set[Path] = set()
+    found = {_DECORATOR}
     waiting = [file]
     while waiting:
         path = waiting.pop()
@@ -53,6 +57,8 @@ def _imported(path: Path) -> tuple[Path, ...]:
 
 def _imports(path: Path) -> Iterator[Path]:
     for module, several, one, whole in _IMPORTS.findall(_content(path)[1]):
+        if (module or whole).startswith(_HERE):
+            continue
         base = ROOT.joinpath(*(module or whole).split("."))
         if base.with_suffix(".py").is_file():
             yield base.with_suffix(".py")

@@ -33,15 +33,22 @@ KEPT = 6
 _RETRY, _TELL = 0.01, 1.0  # s
 
 
+_HOW = "".join(
+    f"-{name.lower()}"
+    for name in ("BOUNDSCHECK", "DEBUGINFO_DEFAULT")
+    if getattr(config, name, None)
+)
+"""What numba compiles otherwise where it is told to, in a folder's name."""
+
+
 class _Locator(_CacheLocator):
     """A folder for a file's kernels, by what they are made of."""
 
     def __init__(self, function: Callable[..., Any], file: str) -> None:
         path = Path(file).resolve()
         self._line = function.__code__.co_firstlineno
-        # What numba compiles otherwise where it is told to.
-        self._stamp = f"{digest(path)} {config.BOUNDSCHECK} {config.OPT} {config.DEBUGINFO_DEFAULT}"
-        self._folder = Path(kernel_folder()) / f"{name_of(path)}-{digest(path)}"
+        self._stamp = digest(path) + _HOW
+        self._folder = Path(kernel_folder()) / f"{name_of(path)}-{self._stamp}"
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> _Locator | None:
@@ -152,12 +159,12 @@ class KernelCache(FunctionCache):
 
 def _forget(folder: Path) -> None:
     """Remove the oldest versions of the file that ``folder`` is a version of."""
-    name = folder.name.rpartition("-")[0]
+    name = folder.name.partition("-")[0]
     with suppress(OSError):
         others = [
             (place.stat().st_mtime, place)
             for place in folder.parent.glob(f"{name}-*")
-            if place.name.rpartition("-")[0] == name and place != folder
+            if place != folder
         ]
         for _, place in sorted(others, reverse=True)[KEPT - 1 :]:
             shutil.rmtree(place, ignore_errors=True)

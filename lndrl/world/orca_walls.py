@@ -251,7 +251,7 @@ def wall_lines(
     found = near_edges(x, y, edges, members, begin, end, reach, nearest, distance2)
     found = min(found, len(lines))
     inverse = 1.0 / horizon
-    count = 0
+    count = np.int64(0)  # with a plain 0 numba would compile what is called here twice
     for k in range(found):
         e = nearest[k]
         ax = (edges[e, _X] - x) * inverse

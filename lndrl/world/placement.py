@@ -139,7 +139,10 @@ def place_people(people, routes, distance, inverse_resolution, robot, max_speed,
             score = _score(people, i, x, y, robot)
             if score > best:
                 best = score
-                people.route[i, :length] = path[:length]
+                # Not one slice to another: numba compiles 2 s longer for the text of its error.
+                for k in range(length):
+                    people.route[i, k, 0] = path[k, 0]
+                    people.route[i, k, 1] = path[k, 1]
                 people.route_length[i] = length
                 people.target[i] = ahead
                 people.position[i, 0] = x

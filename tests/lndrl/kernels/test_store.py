@@ -55,9 +55,7 @@ def test_who_dies_while_compiling_blocks_nobody(tmp_path: Path) -> None:
 def test_who_only_stands_still_is_waited_for_only_so_long(tmp_path: Path) -> None:
     package, kept = make_package(tmp_path / "one"), tmp_path / "kept"
     path = package / "lndrl/kernels/store.py"
-    (package / "lndrl/kernels/store.py").write_text(
-        text.replace("PATIENCE = 300.0", "PATIENCE = 1")
-    )
+    path.write_text(path.read_text().replace("PATIENCE = 300.0", "PATIENCE = 1"))
     stuck = start(package, kept, "print('here', flush=True); time.sleep(500)")
     assert stuck.stdout is not None and stuck.stdout.readline() == "here\n"
     assert result(start(package, kept)) == (20, BOTH)
@@ -72,6 +70,8 @@ def test_with_bounds_checked_they_are_others(
     assert result(start(package, kept)) == (20, BOTH)
     monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
     assert result(start(package, kept)) == (20, BOTH)
+    monkeypatch.delenv("NUMBA_BOUNDSCHECK")
+    assert result(start(package, kept)) == (20, [])
 
 
 def test_only_the_newest_versions_of_a_file_are_kept(tmp_path: Path) -> None:
