@@ -61,9 +61,14 @@ def kernel_folder(package: str = os.path.dirname(__file__)) -> str:
     given = os.environ.get(NUMBA)
     if given:
         return given
-    own = os.path.join(_home("XDG_CACHE_HOME", ".cache"), "lndrl", "kernels")
+    own = user_cache("kernels")
     beside = os.path.join(package, "__pycache__", "kernels")
     return own if _is_writable(own) or not _is_writable(beside) else beside
+
+
+def user_cache(room: str) -> str:
+    """The folder ``room`` in what this program caches for the user."""
+    return os.path.join(_home("XDG_CACHE_HOME", ".cache"), "lndrl", room)
 
 
 def _matplotlib_has_a_place() -> bool:

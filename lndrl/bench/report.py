@@ -42,6 +42,8 @@ COMPARED = ("laser", "crowd", "amcl", "world")
 returns ``{peer: {key: figure}}`` of the same work in the same run."""
 ON_DEVICES = ("policy", "learner", "train")
 """These take a ``device``: ``measure(seconds, device)``."""
+ADJUSTED = ("world", "policy", "learner", "train")
+"""These can be measured under other settings than their own."""
 
 REPETITIONS = 5
 _PACKAGES = {

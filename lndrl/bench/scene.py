@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,28 @@ SCENARIOS = ("hybrid", "sparse", "corridor", "hall", "irregular")
 """The paper's five."""
 
 
+_settings: list[str] = []
+
+
+@contextmanager
+def with_settings(settings: Sequence[str]) -> Iterator[None]:
+    """Measure under ``settings`` (key=value) while this lasts, whatever a benchmark changes."""
+    _settings.extend(settings)
+    try:
+        yield
+    finally:
+        _settings.clear()
+
+
+def settings() -> list[str]:
+    """What ``with_settings`` has asked for."""
+    return list(_settings)
+
+
 def hybrid_config(overrides: Sequence[str] = ()) -> RunConfig:
     """``configs/lndrl.yaml`` on the hybrid scenario, but for ``overrides`` (key=value)."""
     fixed = ["scenario=hybrid", "seed=1"]
-    return load_config(REPOSITORY_CONFIGS / "lndrl.yaml", [*fixed, *overrides])
+    return load_config(REPOSITORY_CONFIGS / "lndrl.yaml", [*fixed, *_settings, *overrides])
 
 
 class RandomActions:

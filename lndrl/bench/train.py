@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from lndrl.bench import world
+from lndrl.bench.scene import settings
 from lndrl.bench.training import WARM_UPDATES, Rows, Training, span
 from lndrl.transport.status import overhead, shares_of
 
@@ -76,9 +77,10 @@ def _run(seconds: float, device: str) -> tuple[Rows, float]:
             return False
         return span(rows[WARM_UPDATES - 1 :]) >= 12.0 * seconds
 
+    more = [part for each in settings() for part in ("--set", each)]
     with (
         tempfile.TemporaryDirectory(prefix="lndrl-bench-") as folder,
-        Training("bench train", Path(folder), "tcp", ["--device", device]) as training,
+        Training("bench train", Path(folder), "tcp", ["--device", device, *more]) as training,
     ):
         rows = training.wait(done)
     return rows[WARM_UPDATES - 1 :], megabytes

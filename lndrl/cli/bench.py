@@ -38,6 +38,19 @@ def bench(
             "--device", metavar="DEVICE", help="policy, learner, train: cpu, cuda, cuda:0 or auto"
         ),
     ] = None,
+    vs: Annotated[
+        str | None,
+        typer.Option(
+            "--vs",
+            metavar="COMMIT",
+            help="world, policy, learner, train: in turns with that build of a clone",
+        ),
+    ] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="turns of each build with --vs")] = 3,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="world, policy, learner, train: also so"),
+    ] = None,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
@@ -48,6 +61,13 @@ def bench(
         raise UserError(f"--seconds {seconds:g}: must be above 0")
     if profile and name != "train":
         raise UserError(f"--profile goes with train, not with {name}")
+    if settings and name not in report.ADJUSTED:
+        raise UserError(f"--set goes with {', '.join(report.ADJUSTED)}, not with {name}")
+    if vs is not None:
+        if peers or profile or device or settings:
+            raise UserError("--vs compares two builds on the CPU; give it alone")
+        _compare(name, vs, seconds, rounds, json_output)
+        return
     names = list(report.BENCHMARKS) if name == "all" else [name]
     figures: dict[str, Any] = {}
 
@@ -56,7 +76,9 @@ def bench(
         shown = "printed nothing" if json_output else f"showed {', '.join(figures) or 'nothing'}"
         return f"{shown}; not measured: {left or 'nothing'}; begin again with: {same_command()}"
 
-    with telling(words):
+    from lndrl.bench.scene import with_settings
+
+    with telling(words), with_settings(settings or []):
         _measure(names, figures, name == "all", peers, profile, seconds, device, json_output)
     facts = report.machine()
     if not json_output:
@@ -64,6 +86,26 @@ def bench(
         return
     content = figures if name == "all" else figures[name]
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
+
+
+def _compare(name: str, commit: str, seconds: float, rounds: int, quiet: bool) -> None:
+    """Measure both builds in turns and show their ratios."""
+    import json
+
+    from lndrl.bench import report, versus
+    from lndrl.cli.signals import say
+    from lndrl.cli.tables import print_tables
+
+    other = versus.prepare(commit)
+    with telling(lambda: f"compared nothing; begin again with: {same_command()}"):
+        figures = versus.compare(name, other, seconds, rounds, say)
+    facts = report.machine()
+    if quiet:
+        content = {"vs": other.commit, "rounds": rounds, "settings": list(other.settings)}
+        typer.echo(json.dumps({**figures, **content, "machine": facts}, indent=2))
+        return
+    print_tables(versus.table(name, other, figures))
+    typer.echo(report.machine_line(facts))
 
 
 def _measure(

@@ -37,6 +37,8 @@ def room(tmp_path: Path) -> str:
 
 
 def test_without_a_terminal_it_tells_the_walk_in_lines(room: str, capsys) -> None:
+    assert run(["demo", "--scenario", room]) == 0  # kernels that are compiled tell no first line
+    capsys.readouterr()
     assert run(["demo", "--scenario", room]) == 0
     out, err = capsys.readouterr()
     *lines, end = out.splitlines()
