@@ -36,7 +36,7 @@ from lndrl.planners import teacher_of
 from lndrl.planners.rollouts import decide
 from lndrl.policy import build_policy
 from lndrl.policy.inputs import prepare, supports_sparse
-from lndrl.policy.scan import windows_gradient
+from lndrl.policy.sparse.scan import windows_gradient
 
 _MAP = 40  # cells of the map that a filter is tried on
 

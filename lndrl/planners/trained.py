@@ -14,7 +14,7 @@ from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.navigation.terms import as_tested
 from lndrl.policy.inputs import Inputs, pooling_factor, supports_sparse
 from lndrl.policy.networks import build_policy
-from lndrl.policy.structure import MapStructure, drawn_structure
+from lndrl.policy.sparse import MapStructure, drawn_structure
 from lndrl.policy.weights import driven_at, load_into
 from lndrl.policy.weights import load_policy as read_policy
 

@@ -10,7 +10,7 @@ from lndrl.config import RunConfig
 from lndrl.kernels import expect
 from lndrl.navigation import Observation
 from lndrl.navigation.pedestrian_map import collect_many
-from lndrl.policy import scan, sparse, structure
+from lndrl.policy import sparse
 from lndrl.policy.acting import DevicePolicy
 from lndrl.policy.device import resolve_device
 from lndrl.policy.inputs import prepare, supports_sparse
@@ -37,7 +37,7 @@ class PolicyRunner:
             precision = torch.bfloat16 if bfloat16 else torch.float32
             self._remote = DevicePolicy(self.network, config, precision)
         elif supports_sparse(config):
-            expect(collect_many, *structure.KERNELS, *sparse.KERNELS, *scan.KERNELS)
+            expect(collect_many, *sparse.KERNELS)
         self._freeze()
 
     def load(self, blob: bytes) -> None:
@@ -49,7 +49,7 @@ class PolicyRunner:
         """Log-probabilities (B, actions) for observations (B,)."""
         if self._remote is not None:
             return self._remote.log_probabilities(observation)
-        inputs = prepare(observation, self.config)
+        inputs = prepare(observation, self.config, exact=not self.bfloat16)
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=self.bfloat16):
             return torch.log_softmax(self._acting(inputs).float(), dim=1).numpy()
 

@@ -14,7 +14,7 @@ from lndrl.config.learning import BUILT_IN
 from lndrl.navigation import Observation
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.navigation.pedestrian_map import draw_pedestrian_map
-from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, map_structure
+from lndrl.policy.sparse import LEVELS, STAND_IN, MapStructure, map_structure
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,15 @@ class Inputs:
 
 
 def prepare(
-    observation: Observation, config: RunConfig, privileged: NDArray[np.float32] | None = None
+    observation: Observation,
+    config: RunConfig,
+    privileged: NDArray[np.float32] | None = None,
+    exact: bool = True,
 ) -> Inputs:
     """Network inputs on the CPU of observations (N,); sparse where that is possible.
 
-    ``privileged`` (N, K) is what the value network also sees, where the run has it.
+    ``privileged`` (N, K) is what the value network also sees, where the run has it; ``exact``: for
+    products in float32.
     Both networks can share the result, which holds no weights. Other devices make their inputs
     themselves, from a CompactObservation.
     """
@@ -48,7 +52,7 @@ def prepare(
     if not config.network.pedestrian_map:
         people = None
     elif supports_sparse(config):
-        people = map_structure(observation, config.task, pooling_factor(config))
+        people = map_structure(observation, config.task, pooling_factor(config), exact)
     else:
         people = torch.from_numpy(
             draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, config.task)

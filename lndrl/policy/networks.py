@@ -23,9 +23,19 @@ from lndrl.navigation import action_table
 from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy.inputs import Inputs, pooling_factor
 from lndrl.policy.own import OwnEncoder, OwnNetwork
-from lndrl.policy.scan import scan_convolutions
-from lndrl.policy.sparse import cell_linear, convolve_pool, flat_weight, train_cell_linear
-from lndrl.policy.structure import LEVELS, STAND_IN, MapStructure, stand_in_cells
+from lndrl.policy.sparse import (
+    LEVELS,
+    STAND_IN,
+    MapStructure,
+    cell_linear,
+    convolve_patches,
+    convolve_pool,
+    flat_weight,
+    scan_convolutions,
+    stand_in_cells,
+    train_cell_linear,
+    weight_at_points,
+)
 
 FAN_SCAN_FEATURES = 256
 FAN_TRUNK_FEATURES = 128
@@ -48,7 +58,7 @@ class FrozenWeights:
     """What the sparse evaluation needs of weights that stay as they are for a while."""
 
     empty: list[EmptyResponse]
-    flat: list[Tensor]  # kernels, see flat_weight
+    kernels: list[Tensor]  # see flat_weight; from the second on in float32 weight_at_points
     base: Tensor  # (features,), the linear layer's response to the empty map
 
 
@@ -104,10 +114,12 @@ class MapEncoder(nn.Module):
         with torch.no_grad():
             empty = self._empty_response()
             last = empty[-1].pooled[torch.from_numpy(stand_in_cells(self.cells, self.pooling))]
-            flat = [flat_weight(convolution.weight) for convolution in self._convolutions()]
-            self._frozen = FrozenWeights(
-                empty, flat, self.linear(last.to(flat[-1].dtype)[None])[0].float()
-            )
+            first, *others = (convolution.weight for convolution in self._convolutions())
+            exact = first.dtype == torch.float32
+            kernels = [flat_weight(first)]
+            kernels += [weight_at_points(w) if exact else flat_weight(w) for w in others]
+            base = self.linear(last.to(first.dtype)[None])[0].float()
+            self._frozen = FrozenWeights(empty, kernels, base)
 
     def _dense(self, maps: Tensor) -> Tensor:
         x = maps
@@ -120,8 +132,14 @@ class MapEncoder(nn.Module):
         empty = frozen.empty if frozen else self._empty_response()
         rows = torch.from_numpy(s.values)
         for i, convolution in enumerate(self._convolutions()):
-            flat = frozen.flat[i] if frozen else flat_weight(convolution.weight)
-            rows = convolve_pool(rows, flat, empty[i].conv, empty[i].pooled, s.levels[i])
+            cut = s.levels[i].patches is not None
+            if frozen and cut == (frozen.kernels[i].ndim == 3):
+                kernels = frozen.kernels[i]
+            else:
+                weight = convolution.weight
+                kernels = weight_at_points(weight.float()) if cut else flat_weight(weight)
+            convolve = convolve_patches if cut else convolve_pool
+            rows = convolve(rows, kernels, empty[i].conv, empty[i].pooled, s.levels[i])
         if frozen:
             return cell_linear(rows, self.linear.weight, frozen.base, s)
         last = empty[-1].pooled[torch.from_numpy(s.cell_stand_in)]

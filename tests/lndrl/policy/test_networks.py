@@ -24,7 +24,7 @@ from lndrl.policy import (
     prepare,
     to_bytes,
 )
-from lndrl.policy.structure import map_structure
+from lndrl.policy.sparse import map_structure
 from lndrl.scenario import Scenario
 from tests.lndrl.policy.built_in import built_in, map_encoder_of
 

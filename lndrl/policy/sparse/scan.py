@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.autograd import Function
 
 from lndrl.kernels import kernel
-from lndrl.policy.sparse import product
+from lndrl.policy.sparse.rows import product
 
 _CHUNK = 16  # scans at a time, so that their windows stay in the cache
 

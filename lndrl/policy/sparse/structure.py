@@ -20,6 +20,7 @@ from lndrl.config import TaskConfig
 from lndrl.kernels import kernel
 from lndrl.navigation import Observation
 from lndrl.navigation.pedestrian_map import pedestrian_cells
+from lndrl.policy.sparse.patches import Patches, patches
 
 STAND_IN = {2: 24, 1: 6}
 """Cells per side of the stand-in by pooling. Every convolution moves the borders' influence one
@@ -37,16 +38,19 @@ class Level:
     pooling and 1 without.
 
     Attributes:
+        stand_in: int32 (B, P + 1), places in the stand-in: of the outputs before pooling, then
+            of the block after it, row-major.
         taps: int32 (B, P * 9), the input row under tap k of a block's output s at 9 * s + k;
             -1 where nothing differs. Taps and the outputs of a block are row-major.
         targets: int32 (R, 9), the output P * block + s that reads a row by tap k; -1 for none.
-        stand_in: int32 (B, P + 1), places in the stand-in: of the outputs before pooling, then
-            of the block after it, row-major.
+        patches: the rows cut into patches where those are cheaper; then nobody follows taps and
+            targets, and they are empty.
     """
 
+    stand_in: IntArray
     taps: IntArray
     targets: IntArray
-    stand_in: IntArray
+    patches: Patches | None = None
 
 
 @dataclass(frozen=True)
@@ -73,13 +77,16 @@ class MapStructure:
     cell_stand_in: NDArray[np.int64]
 
 
-def map_structure(observation: Observation, task: TaskConfig, pooling: int = 2) -> MapStructure:
+def map_structure(
+    observation: Observation, task: TaskConfig, pooling: int = 2, exact: bool = True
+) -> MapStructure:
     """Structure of observations (N,) for convolutions pooled by ``pooling`` (2, or 1 for none).
 
+    ``exact``: for products in float32; bfloat16's would suffer in patches.
     Raises ValueError when the map is smaller than the stand-in, or cannot be halved three times.
     """
     cells = pedestrian_cells(observation.pedestrians, observation.pedestrian_count, task)
-    return _structure(*cells, task.map_cells, pooling)
+    return _structure(*cells, task.map_cells, pooling, exact)
 
 
 def drawn_structure(maps: NDArray[np.float32], pooling: int = 2) -> MapStructure:
@@ -89,7 +96,7 @@ def drawn_structure(maps: NDArray[np.float32], pooling: int = 2) -> MapStructure
     sample, cell = np.nonzero(flat[:, 0])
     offsets = np.searchsorted(sample, np.arange(samples + 1))
     velocity = np.stack([flat[sample, 1, cell], flat[sample, 2, cell]], axis=1)
-    return _structure(offsets, cell.astype(np.int32), velocity, size, pooling)
+    return _structure(offsets, cell.astype(np.int32), velocity, size, pooling, True)
 
 
 def _structure(
@@ -98,6 +105,7 @@ def _structure(
     velocity: NDArray[np.float32],
     size: int,
     pooling: int,
+    exact: bool,
 ) -> MapStructure:
     """Of N maps of ``size`` cells a side; the lists are those of ``pedestrian_cells``."""
     small = STAND_IN[pooling]
@@ -107,9 +115,15 @@ def _structure(
     values[:, 1:] = velocity
     ends = offsets[1:]
     levels = []
-    for _ in range(LEVELS):
-        taps, targets, stand_in, cells, ends = _level(cells, ends, size, small, pooling)
-        levels.append(Level(taps, targets, stand_in))
+    for i in range(LEVELS):
+        # Of three channels the products are the least of it.
+        cut = exact and i > 0
+        taps, targets, stand_in, blocks, block_ends = _level(
+            cells, ends, size, small, pooling, not cut
+        )
+        found = patches(cells, ends, size, pooling, blocks, block_ends) if cut else None
+        levels.append(Level(stand_in, taps, targets, found))
+        cells, ends = blocks, block_ends
         size, small = size // pooling, small // pooling
     order, starts, sample = _by_cell(cells, ends, size * size)
     return MapStructure(
@@ -141,11 +155,12 @@ def _in_stand_in(y, x, size, small):
 
 
 @kernel()
-def _level(cells, ends, size, small, pooling):
+def _level(cells, ends, size, small, pooling, taps_too):
     """The arrays of a Level on a map of ``size``, whose rows that may differ lie at ``cells``.
 
     ``ends`` (N,) of each sample's rows, ``small`` cells per side of the stand-in. Returns (taps,
-    targets, stand_in, cells of the blocks, ends of each sample's blocks).
+    targets, stand_in, cells of the blocks, ends of each sample's blocks); without ``taps_too`` the
+    first two are empty.
     """
     half, small_half = size // pooling, small // pooling
     outputs = pooling * pooling
@@ -154,8 +169,8 @@ def _level(cells, ends, size, small, pooling):
     most = rows * (4 if pooling == 2 else 9)
     row_at = np.full((size, size), -1, np.int32)
     block_at = np.full((half, half), -1, np.int32)
-    targets = np.empty((rows, 9), np.int32)
-    taps = np.empty((most, 9 * outputs), np.int32)
+    targets = np.empty((rows if taps_too else 0, 9), np.int32)
+    taps = np.empty((most if taps_too else 0, 9 * outputs), np.int32)
     stand_in = np.empty((most, outputs + 1), np.int32)
     blocks = np.empty(most, np.int32)
     block_ends = np.empty_like(ends)
@@ -168,22 +183,24 @@ def _level(cells, ends, size, small, pooling):
             for k in range(9):
                 yy, xx = y + 1 - k // 3, x + 1 - k % 3
                 if yy < 0 or xx < 0 or yy >= size or xx >= size:
-                    targets[row, k] = -1
+                    if taps_too:
+                        targets[row, k] = -1
                     continue
                 by, bx = yy // pooling, xx // pooling
                 if block_at[by, bx] < 0:
                     block_at[by, bx] = count
                     blocks[count] = by * half + bx
                     count += 1
-                slot = (yy - pooling * by) * pooling + xx - pooling * bx
-                targets[row, k] = outputs * block_at[by, bx] + slot
+                if taps_too:
+                    slot = (yy - pooling * by) * pooling + xx - pooling * bx
+                    targets[row, k] = outputs * block_at[by, bx] + slot
         for block in range(first, count):
             by, bx = blocks[block] // half, blocks[block] % half
             block_at[by, bx] = -1
             for s in range(outputs):
                 y, x = pooling * by + s // pooling, pooling * bx + s % pooling
                 stand_in[block, s] = _in_stand_in(y, x, size, small)
-                for k in range(9):
+                for k in range(9 if taps_too else 0):
                     yy, xx = y + k // 3 - 1, x + k % 3 - 1
                     inside = 0 <= yy < size and 0 <= xx < size
                     taps[block, 9 * s + k] = row_at[yy, xx] if inside else -1

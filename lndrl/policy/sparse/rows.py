@@ -1,16 +1,14 @@
-"""Differentiable evaluation of the rows that ``structure`` lists.
+"""Convolutions evaluated row by row, with gradients; for few channels, and in bfloat16.
 
 Rows hold *differences* from the response to the empty map, so whatever lies beside them counts as
-zero. A convolution multiplies each of its input rows once with all nine taps of the kernel, in one
-dense matrix product, and a compiled kernel sums the products under each output, adds the
-response to the empty map and pools. The last linear layer multiplies cell by cell. torch does the
-products and keeps the gradients.
+zero. Each input row is multiplied once with all nine taps of the kernel, in one dense matrix
+product, and a compiled kernel sums the products under each output, adds the response to the empty
+map and pools. torch does the products and keeps the gradients.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -18,9 +16,11 @@ from torch import Tensor
 from torch.autograd import Function
 
 from lndrl.kernels import kernel
-from lndrl.policy.structure import Level, MapStructure
 
-_NONE = 255  # of the pooled outputs none was above zero
+if TYPE_CHECKING:
+    from lndrl.policy.sparse.structure import Level
+
+NONE = 255  # of the pooled outputs none was above zero
 
 
 @kernel()
@@ -44,7 +44,7 @@ def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, w
                         sums[s, j] += products[row, start + j]
         for j in range(channels):
             out[b, j] = 0.0
-            winner[b, j] = _NONE
+            winner[b, j] = NONE
         for s in range(outputs):
             for j in range(channels):
                 higher = sums[s, j] > out[b, j]
@@ -74,7 +74,7 @@ def _spread(gradient, winner, targets, outputs, out):
 
 
 @kernel()
-def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
+def spread_empty(gradient, winner, stand_in, conv_out, pool_out):
     """The gradient of ``_sum_and_pool`` by conv_empty and pool_empty."""
     outputs = stand_in.shape[1] - 1
     for b in range(gradient.shape[0]):
@@ -86,14 +86,6 @@ def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
             for j in range(gradient.shape[1]):
                 if winner[b, j] == s:
                     conv_out[place, j] += gradient[b, j]
-
-
-@kernel()
-def _add_rows(rows, index, out):
-    """out[index[i]] += rows[i]."""
-    for i in range(rows.shape[0]):
-        for j in range(rows.shape[1]):
-            out[index[i], j] += rows[i, j]
 
 
 def product(rows: Tensor, weight: Tensor) -> Tensor:
@@ -145,7 +137,7 @@ class ConvolvePool(Function):
         outputs = ctx.level.stand_in.shape[1] - 1
         _spread(by_block, by_winner, ctx.level.targets, outputs, spread.numpy())
         conv_empty, pool_empty = (torch.zeros(shape) for shape in ctx.shapes)
-        _spread_empty(
+        spread_empty(
             by_block, by_winner, ctx.level.stand_in, conv_empty.numpy(), pool_empty.numpy()
         )
         by_rows = spread @ weight.t() if ctx.needs_input_grad[0] else None
@@ -158,71 +150,6 @@ def flat_weight(weight: Tensor) -> Tensor:
     return weight.permute(1, 2, 3, 0).reshape(inputs, 9 * outputs)
 
 
-class CellProduct(Function):
-    """The linear layer over the cells of the last map: rows (B, C) -> (N, F).
-
-    weight (cells, F, C), bias (F,); ``empty`` (cells, C) is the whole last map of an empty map,
-    to which the rows are differences.
-    """
-
-    @staticmethod
-    def forward(
-        ctx: Any, rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
-    ) -> Tensor:
-        grouped = torch.cat((rows, empty))[torch.from_numpy(s.order)]
-        ctx.save_for_backward(grouped, weight)
-        ctx.structure = s
-        out = _multiply_cells(grouped, weight, s, 0)
-        return out[:-1] + (out[-1] + bias)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        (gradient,) = gradients
-        grouped, weight = ctx.saved_tensors
-        s: MapStructure = ctx.structure
-        total = gradient.sum(0)
-        by_row = torch.cat((gradient, total[None]))[torch.from_numpy(s.sample)]
-        by_weight = torch.empty_like(weight)
-        by_grouped = torch.empty_like(grouped)
-        for cell, (begin, end) in enumerate(_groups(s)):
-            part = by_row[begin:end]
-            torch.mm(part, weight[cell], out=by_grouped[begin:end])
-            torch.mm(part.t(), grouped[begin:end], out=by_weight[cell])
-        by_rows = torch.empty_like(by_grouped)
-        by_rows[torch.from_numpy(s.order)] = by_grouped
-        blocks = len(grouped) - len(s.cell_stand_in)
-        return by_rows[:blocks], by_rows[blocks:], by_weight, total, None
-
-
-def cell_linear(rows: Tensor, weight: Tensor, base: Tensor, s: MapStructure) -> Tensor:
-    """CellProduct without gradients: ``base`` (F,) is the layer's response to the empty map."""
-    absent = rows.new_zeros(len(s.cell_stand_in), rows.shape[1])
-    grouped = torch.cat((rows, absent))[torch.from_numpy(s.order)]
-    return _multiply_cells(grouped, weight, s, 1)[:-1] + base
-
-
-def _multiply_cells(grouped: Tensor, weight: Tensor, s: MapStructure, skip: int) -> Tensor:
-    """Sums by sample (N + 1, F) of rows in the order of ``s.order``, times their cell's weights.
-
-    The last row sums the empty responses. The first ``skip`` rows of each cell are left out.
-    """
-    products = torch.zeros(len(grouped), weight.shape[1])
-    for cell, (begin, end) in enumerate(_groups(s)):
-        if begin + skip < end:
-            rows = slice(begin + skip, end)
-            if weight.dtype == torch.float32:
-                torch.mm(grouped[rows], weight[cell].t(), out=products[rows])
-            else:
-                products[rows] = product(grouped[rows], weight[cell].t())
-    out = torch.zeros(s.samples + 1, weight.shape[1])
-    _add_rows(products.numpy(), s.sample, out.numpy())
-    return out
-
-
-def _groups(s: MapStructure) -> list[tuple[int, int]]:
-    return list(pairwise(s.starts.tolist()))
-
-
 def convolve_pool(
     rows: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
 ) -> Tensor:
@@ -230,12 +157,5 @@ def convolve_pool(
     return ConvolvePool.apply(rows, weight, conv_empty, pool_empty, level)
 
 
-def train_cell_linear(
-    rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
-) -> Tensor:
-    """The last linear layer with gradients; see CellProduct."""
-    return CellProduct.apply(rows, empty, weight, bias, s)
-
-
-KERNELS = (_sum_and_pool, _add_rows)
+KERNELS = (_sum_and_pool,)
 """What acting calls from Python."""
