@@ -1,8 +1,8 @@
 """The networks on the CPU: what a few people change in a map, and two small convolutions."""
 
-from lndrl.policy.sparse import cells, patches, rows, scan, structure
+from lndrl.policy.sparse import cells, convolution, patches, rows, scan, structure
 from lndrl.policy.sparse.cells import cell_linear, train_cell_linear
-from lndrl.policy.sparse.patches import convolve_patches, weight_at_points
+from lndrl.policy.sparse.convolution import convolve_patches, weight_at_points
 from lndrl.policy.sparse.rows import convolve_pool, flat_weight
 from lndrl.policy.sparse.scan import scan_convolutions
 from lndrl.policy.sparse.structure import (
@@ -15,7 +15,8 @@ from lndrl.policy.sparse.structure import (
 )
 
 KERNELS = (
-    *structure.KERNELS, *rows.KERNELS, *patches.KERNELS, *cells.KERNELS, *scan.KERNELS,
+    *structure.KERNELS, *patches.KERNELS, *rows.KERNELS, *convolution.KERNELS, *cells.KERNELS,
+    *scan.KERNELS,
 )  # fmt: skip
 """What acting calls from Python."""
 

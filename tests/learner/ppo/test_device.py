@@ -48,16 +48,19 @@ def batches(ppo: PPO, count: int, store: RolloutStore | None = None):
         yield assemble([random_trajectory(ppo.config, 10 * seed + k) for k in (1, 2, 3)], store)
 
 
-def assert_same(one: PPO, other: PPO, tolerance: float = 1e-4) -> None:
-    """Means of the gradients and weights, each relative to the largest of its tensor."""
+def assert_same(
+    one: PPO, other: PPO, tolerance: float = 1e-4, weights: float | None = None
+) -> None:
+    """Means of the gradients and ``weights``, each relative to the largest of its tensor."""
     for network in ("policy", "value"):
         mine, theirs = getattr(one, network), getattr(other, network)
         moments = [getattr(ppo, f"{network}_optimizer").state for ppo in (one, other)]
         for (name, a), b in zip(mine.named_parameters(), theirs.parameters(), strict=True):
             means = moments[0][a]["exp_avg"], moments[1][b]["exp_avg"]
-            for x, y in (means, (a.detach(), b.detach())):
+            close = tolerance, weights or tolerance
+            for (x, y), most in zip((means, (a.detach(), b.detach())), close, strict=True):
                 scale = float(x.abs().max()) + 1e-9
-                assert float((x - y.cpu()).abs().max()) < tolerance * scale, name
+                assert float((x - y.cpu()).abs().max()) < most * scale, name
 
 
 @pytest.mark.parametrize("device", ["cpu", ON_GPU])
@@ -68,8 +71,12 @@ def test_a_gradient_step_is_the_same(trainer, device, joint, minibatch_size) -> 
     sparse, dense = trainer(**same), trainer(device, dense=True, **same)
     (batch,) = batches(sparse, 1)
     figures, expected = dense.update(batch, 0.25), sparse.update(batch, 0.25)
-    # The last gradient was taken after other steps of Adam, which magnify what is tiny.
-    assert_same(sparse, dense, 1e-4 if minibatch_size is None else 1e-2)
+    # The last gradient was taken after other steps of Adam, which magnify what is tiny: of a bias
+    # whose gradient is as small as its epsilon the weight differs more than the gradient does.
+    if minibatch_size is None:
+        assert_same(sparse, dense, 1e-4, weights=1e-3)
+    else:
+        assert_same(sparse, dense, 1e-2)
     for name, figure in expected.items():
         assert figures[name] == pytest.approx(figure, rel=1e-4, abs=1e-6), name
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from lndrl.bench import versus
+from lndrl.bench.versus import builds, turns
 from lndrl.cli.main import run
 from lndrl.errors import UserError
 
@@ -54,7 +55,7 @@ def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     place = tmp_path / "repository"
     place.mkdir()
     git(place, "init", "-q")
-    monkeypatch.setattr(versus, "_ROOT", place)
+    monkeypatch.setattr(builds, "ROOT", place)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("TURNS", str(tmp_path / "turns"))
     return place
@@ -98,7 +99,7 @@ def test_a_build_is_taken_out_once(repository: Path) -> None:
 
 def test_ratios_are_of_rounds() -> None:
     values = {"own": [2.0, 6.0, 4.0], "other": [2.0, 2.0, 2.0]}
-    assert versus._ratio(values) == {
+    assert turns._ratio(values) == {
         "own": 4.0, "other": 2.0, "ratio": 2.0, "ratio_least": 1.0, "ratio_most": 3.0,
     }  # fmt: skip
 
@@ -125,7 +126,7 @@ def test_what_cannot_be_compared_is_refused(repository: Path) -> None:
 def test_outside_a_repository_the_sentence_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(versus, "_ROOT", tmp_path)
+    monkeypatch.setattr(builds, "ROOT", tmp_path)
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
     with pytest.raises(UserError, match="is no git repository; run it from a clone"):
         versus.prepare("HEAD")
@@ -134,13 +135,13 @@ def test_outside_a_repository_the_sentence_says_so(
 def test_an_interrupt_leaves_no_process(repository: Path, tmp_path: Path) -> None:
     old = write(repository, 14)
     code = (
-        "import pathlib; from lndrl.bench import versus\n"
-        f"versus._ROOT = pathlib.Path({str(repository)!r})\n"
+        "import pathlib; from lndrl.bench import versus; from lndrl.bench.versus import builds\n"
+        f"builds.ROOT = pathlib.Path({str(repository)!r})\n"
         f"versus.compare('world', versus.prepare({old!r}), 1.0, 1, print)\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code],
-        env={**os.environ, "PYTHONPATH": str(Path(versus.__file__).resolve().parents[2])},
+        env={**os.environ, "PYTHONPATH": str(Path(versus.__file__).resolve().parents[3])},
         stderr=subprocess.PIPE,
         text=True,
     )
