@@ -27,11 +27,17 @@ class PolicyRunner:
     device is not there.
     """
 
-    def __init__(self, config: RunConfig, device: str = "cpu", bfloat16: bool = False) -> None:
+    def __init__(
+        self,
+        config: RunConfig,
+        device: str = "cpu",
+        bfloat16: bool = False,
+        initialize: bool = True,
+    ) -> None:
         self.config = config
         self.bfloat16 = bfloat16
         self.device = resolve_device(device)
-        self.network = build_policy(config).to(self.device).requires_grad_(False).eval()
+        self.network = build_policy(config, initialize).to(self.device).requires_grad_(False).eval()
         self._remote: DevicePolicy | None = None
         if self.device.type != "cpu":
             precision = torch.bfloat16 if bfloat16 else torch.float32

@@ -308,15 +308,19 @@ def map_encoder(config: RunConfig) -> MapEncoder | OwnEncoder:
     return OwnEncoder(config, network.map_encoder, settings, where, (3, side, side))
 
 
-def build_policy(config: RunConfig) -> Network:
+def build_policy(config: RunConfig, initialize: bool = True) -> Network:
     """The policy: logits over the actions; 7,615,804 parameters with the paper's numbers.
 
-    Raises UserError for parts of a user's own that are not trusted or not what they should be.
+    Without ``initialize`` its weights are any, for whoever loads others: orthogonal ones take half
+    a second and twice their room. Raises UserError for parts of a user's own that are not trusted or not what they should be.
     """
     actions = action_table(config.task)
     if find(NETWORK, config.network.policy, (BUILT_IN,), "network.policy") is not None:
         return OwnNetwork(config, len(actions))
-    network = _initialized(NavigationNetwork(config, len(actions)), config, head_gain=0.01)
+    network = NavigationNetwork(config, len(actions))
+    if not initialize:
+        return network
+    _initialized(network, config, head_gain=0.01)
     if config.network.turn_reluctance:
         # A policy that turns at random soon gets lost, and then learns from little else.
         turns = torch.from_numpy(np.abs(actions[:, 1])).float()
