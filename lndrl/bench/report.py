@@ -37,7 +37,7 @@ BENCHMARKS = {
     "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }
 """Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""
-COMPARED = ("laser", "crowd", "amcl", "world")
+COMPARED = ("laser", "crowd", "amcl", "world", "train")
 """What other packages do too: ``lndrl.bench.peers.NAME`` has ``measure_peers(seconds)``, which
 returns ``{peer: {key: figure}}`` of the same work in the same run."""
 ON_DEVICES = ("policy", "learner", "train")
@@ -60,6 +60,7 @@ _PACKAGES = {
     "pyrvo": "pyrvo",
     "range_libc": "pyrangelibc-danieldugas",
     "raycast2D": "raycast2D",
+    "stable_baselines3": "stable-baselines3",
 }
 
 

@@ -21,7 +21,7 @@ def bench(
     ],
     peers: Annotated[
         bool,
-        typer.Option("--peers", help="also laser, crowd, amcl, world as other packages do them"),
+        typer.Option("--peers", help="also laser, crowd, amcl, world, train as others do them"),
     ] = False,
     profile: Annotated[
         bool, typer.Option("--profile", help="train: where the time of both sides goes, too")
@@ -64,9 +64,9 @@ def bench(
     if settings and name not in report.ADJUSTED:
         raise UserError(f"--set goes with {', '.join(report.ADJUSTED)}, not with {name}")
     if vs is not None:
-        if peers or profile or device or settings:
-            raise UserError("--vs compares two builds on the CPU; give it alone")
-        _compare(name, vs, seconds, rounds, json_output)
+        if profile or device or settings:
+            raise UserError("--vs compares two builds on the CPU; give it alone or with --peers")
+        _compare(name, vs, seconds, rounds, peers, json_output)
         return
     names = list(report.BENCHMARKS) if name == "all" else [name]
     figures: dict[str, Any] = {}
@@ -88,8 +88,8 @@ def bench(
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
 
 
-def _compare(name: str, commit: str, seconds: float, rounds: int, quiet: bool) -> None:
-    """Measure both builds in turns and show their ratios."""
+def _compare(name: str, commit: str, seconds: float, rounds: int, peers: bool, quiet: bool) -> None:
+    """Measure both builds in turns and show their ratios; then those who do the same elsewhere."""
     import json
 
     from lndrl.bench import report, versus
@@ -99,12 +99,15 @@ def _compare(name: str, commit: str, seconds: float, rounds: int, quiet: bool) -
     other = versus.prepare(commit)
     with telling(lambda: f"compared nothing; begin again with: {same_command()}"):
         figures = versus.compare(name, other, seconds, rounds, say)
+        elsewhere = {"peers": report.measure_peers(name, seconds)} if peers else {}
     facts = report.machine()
     if quiet:
         content = {"vs": other.commit, "rounds": rounds, "settings": list(other.settings)}
-        typer.echo(json.dumps({**figures, **content, "machine": facts}, indent=2))
+        typer.echo(json.dumps({**figures, **elsewhere, **content, "machine": facts}, indent=2))
         return
     print_tables(versus.table(name, other, figures))
+    if elsewhere:
+        print_tables(report.figures_table(name, elsewhere))
     typer.echo(report.machine_line(facts))
 
 

@@ -312,7 +312,8 @@ def build_policy(config: RunConfig, initialize: bool = True) -> Network:
     """The policy: logits over the actions; 7,615,804 parameters with the paper's numbers.
 
     Without ``initialize`` its weights are any, for whoever loads others: orthogonal ones take half
-    a second and twice their room. Raises UserError for parts of a user's own that are not trusted or not what they should be.
+    a second and twice their room. Raises UserError for parts of a user's own that are not trusted
+    or not what they should be.
     """
     actions = action_table(config.task)
     if find(NETWORK, config.network.policy, (BUILT_IN,), "network.policy") is not None:
