@@ -10,7 +10,6 @@ import statistics
 import sys
 from collections.abc import Callable, Mapping
 from importlib import metadata
-from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from rich.table import Table
 
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
+from lndrl.machine.processor import model
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def machine() -> dict[str, Any]:
         if module in sys.modules:
             versions[module] = metadata.version(package)
     return {
-        "cpu": _cpu_model(),
+        "cpu": model(),
         "cores": usable_cores(),
         "system": f"{platform.system()} {platform.release()}",
         "load": round(os.getloadavg()[0], 2),
@@ -137,7 +137,7 @@ def device_name(device: torch.device) -> str:
     """Model of the CPU or GPU."""
     import torch
 
-    return torch.cuda.get_device_name(device) if device.type == "cuda" else _cpu_model()
+    return torch.cuda.get_device_name(device) if device.type == "cuda" else model()
 
 
 def machine_line(facts: Mapping[str, Any]) -> str:
@@ -168,12 +168,3 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
-
-
-def _cpu_model() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text("utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()

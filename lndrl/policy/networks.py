@@ -31,6 +31,7 @@ from lndrl.policy.sparse import (
     convolve_patches,
     convolve_pool,
     flat_weight,
+    linear,
     scan_convolutions,
     stand_in_cells,
     train_cell_linear,
@@ -187,7 +188,7 @@ class ScanEncoder(nn.Module):
             x = scan_convolutions(scan, one.weight, one.bias, two.weight, two.bias, strides)
         else:
             x = F.relu(two(self.first(scan))).flatten(1)
-        return F.relu(self.linear(x))
+        return F.relu(linear(self.linear, x))
 
     def first(self, scan: Tensor) -> Tensor:
         """The first convolution after its ReLU, (N, 32, positions)."""
@@ -208,7 +209,7 @@ class FanScanEncoder(nn.Module):
 
     def forward(self, scan: Tensor) -> Tensor:
         x = F.relu(self.conv2(self.first(scan)))
-        return F.relu(self.linear(x.flatten(1)))
+        return F.relu(linear(self.linear, x.flatten(1)))
 
     def first(self, scan: Tensor) -> Tensor:
         """The first convolution after its ReLU, (N, 32, positions)."""
@@ -266,7 +267,7 @@ class NavigationNetwork(nn.Module):
             if inputs.privileged is None:
                 raise ValueError("this value network needs privileged floats in its inputs")
             parts.append(F.relu(self.privileged_encoder(inputs.privileged)))
-        units = self.trunk(torch.cat(parts, dim=1))
+        units = linear(self.trunk, torch.cat(parts, dim=1))
         trunk = F.relu(units if self.norm is None else self.norm(units))
         # Values and log-probabilities with the eight bits of bfloat16 would be too coarse.
         with torch.autocast(device, enabled=False):

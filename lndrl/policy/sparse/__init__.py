@@ -3,6 +3,7 @@
 from lndrl.policy.sparse import cells, convolution, patches, rows, scan, structure
 from lndrl.policy.sparse.cells import cell_linear, train_cell_linear
 from lndrl.policy.sparse.convolution import convolve_patches, weight_at_points
+from lndrl.policy.sparse.products import linear
 from lndrl.policy.sparse.rows import convolve_pool, flat_weight
 from lndrl.policy.sparse.scan import scan_convolutions
 from lndrl.policy.sparse.structure import (
@@ -30,6 +31,7 @@ __all__ = [
     "convolve_pool",
     "drawn_structure",
     "flat_weight",
+    "linear",
     "map_structure",
     "scan_convolutions",
     "stand_in_cells",

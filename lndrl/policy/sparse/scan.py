@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.autograd import Function
 
 from lndrl.kernels import kernel
+from lndrl.policy.sparse.products import times
 from lndrl.policy.sparse.rows import product
 
 _CHUNK = 16  # scans at a time, so that their windows stay in the cache
@@ -133,9 +134,9 @@ class ScanConvolutions(Function):
             values = torch.empty(len(part), out.shape[2], out.shape[1])
             _relu_by_position(gradient[rows].numpy(), out[rows].numpy(), values.numpy())
             values = values.view(-1, out.shape[1])
-            weight2.addmm_(seen.view(-1, len(flat2)).t(), values)
+            weight2 += times(seen.view(-1, len(flat2)).t(), values)
             bias2 += values.sum(0)
-            by_window = (values @ flat2.t()).view_as(seen)
+            by_window = times(values, flat2.t()).view_as(seen)
             first.gradient(by_window, seen, part, hidden, weight1, bias1)
         by_weight2 = weight2.view(ctx.kernel, -1, out.shape[1]).permute(2, 1, 0)
         return None, weight1.t().unsqueeze(1), bias1, by_weight2, bias2, None
