@@ -11,8 +11,8 @@ from learner.learner import Learner
 from learner.run.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
 from lndrl import kernels
+from lndrl.ahead import compiling_ahead
 from lndrl.config import RunConfig
-from lndrl.evaluation.ahead import compiling_ahead
 from lndrl.transport import Security, open_learner
 
 _GOODBYE = 5.0  # s for actors to hear that the run is done

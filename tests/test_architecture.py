@@ -36,6 +36,7 @@ FLOORS = {
     "lndrl.navigation": 2,
     "lndrl.policy": 3,
     "lndrl.planners": 3,
+    "lndrl.ahead": 4,
     "lndrl.evaluation": 4,
     "lndrl.view": 4,
     "actors": 5,

@@ -15,9 +15,9 @@ from multiprocessing.context import SpawnProcess
 from typing import Any
 
 from lndrl import kernels
+from lndrl.ahead import compiling_ahead
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.evaluation.ahead import compiling_ahead
 from lndrl.extensions import trust_modules, trusted_modules
 from lndrl.machine.signals import starting_child
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,7 +22,7 @@ from numba.core import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 from lndrl.caches import kernel_folder
-from lndrl.kernels.sources import digest, name_of
+from lndrl.kernels.sources import ROOT, digest, name_of
 from lndrl.kernels.watch import waiting
 
 PATIENCE = 300.0
@@ -48,7 +49,7 @@ class _Locator(_CacheLocator):
         path = Path(file).resolve()
         self._line = function.__code__.co_firstlineno
         self._stamp = digest(path) + _HOW
-        self._folder = Path(kernel_folder()) / f"{name_of(path)}-{self._stamp}"
+        self._folder = _folder_of(path)
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], file: str) -> _Locator | None:
@@ -170,7 +171,15 @@ def _forget(folder: Path) -> None:
             shutil.rmtree(place, ignore_errors=True)
 
 
-def is_kept(kernel: Any) -> bool:
-    """Whether ``kernel`` was compiled, here or by another process, and is kept."""
-    kept = getattr(kernel, "_cache", None)
-    return isinstance(kept, KernelCache) and kept.is_kept
+def is_kept(module: str, name: str) -> bool:
+    """Whether the kernel ``name`` of a ``module`` of the package is kept for this Python.
+
+    Without importing the module, and whatever processor it was compiled for.
+    """
+    path = ROOT.joinpath(*module.split(".")).with_suffix(".py")
+    python = f"py{sys.version_info[0]}{sys.version_info[1]}"
+    return any(_folder_of(path).glob(f"{path.stem}.{name}-*.{python}*.nbi"))
+
+
+def _folder_of(path: Path) -> Path:
+    return Path(kernel_folder()) / f"{name_of(path)}-{digest(path)}{_HOW}"

@@ -45,7 +45,7 @@ def prepare(commit: str) -> Other:
         with tempfile.TemporaryDirectory(dir=_made(folder.parent)) as made:
             packed = Path(made) / "build.tar"
             packed.write_bytes(archive)
-            with tarfile.open(packed) as tar:
+            with tarfile.open(packed, encoding="utf-8") as tar:
                 tar.extractall(Path(made) / "build", filter="data")
             with suppress(OSError):  # somebody else was faster
                 (Path(made) / "build").rename(folder)

@@ -91,7 +91,8 @@ def _measured(name: str, folder: Path, settings: Sequence[str], seconds: float) 
     with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as empty:
         process = subprocess.Popen(
             command, cwd=empty, env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8",
+            start_new_session=True,
         )  # fmt: skip
         try:
             out, err = process.communicate()

@@ -16,29 +16,12 @@ import numpy as np
 
 from lndrl.config import RunConfig
 from lndrl.kernels import is_kept
-from lndrl.localization import LikelihoodMap
-from lndrl.localization.belief import (
-    belief_of,
-    make_beliefs,
-    make_field,
-    make_scratch,
-    make_settings,
-)
-from lndrl.localization.bins import make_bins
-from lndrl.localization.resampling import kld_limits
-from lndrl.localization.update import reset_belief, update_belief
-from lndrl.maps.grid import OccupancyGrid
-from lndrl.navigation import Observation
-from lndrl.navigation.batch import NavigationBatch
-from lndrl.navigation.navigation import build_surroundings
-from lndrl.navigation.step import drive_worlds, judge_worlds
-from lndrl.planners import teacher_of
-from lndrl.planners.rollouts import decide
-from lndrl.policy import build_policy
-from lndrl.policy.inputs import prepare, supports_sparse
-from lndrl.policy.sparse.scan import windows_gradient
+
+# What is compiled is imported where it is: a learner, whose kernels are kept, needs no simulator.
 
 _MAP = 40  # cells of the map that a filter is tried on
+
+Work = Callable[[RunConfig], None]
 
 logger = logging.getLogger("lndrl")
 
@@ -56,19 +39,21 @@ def compiling_ahead(config: RunConfig, training: bool = True) -> Iterator[None]:
     yield
 
 
-def _missing(config: RunConfig, training: bool) -> list[Callable[[RunConfig], None]]:
+def _missing(config: RunConfig, training: bool) -> list[Work]:
     """What has to be done, in the order opposite to that of who steps worlds."""
-    work = [(drive_worlds, _step), (judge_worlds, _step)]
-    if training and config.ppo.teacher is not None:
-        work.insert(0, (decide, _teach))
+    work: list[tuple[str, str, Work]] = []
     if config.localization.kind == "amcl":
-        work.insert(0, (update_belief, _localize))
-    if training and config.learner.device == "cpu" and supports_sparse(config):
-        work.append((windows_gradient, _learn))
-    return list(dict.fromkeys(each for kernel, each in work if not is_kept(kernel)))
+        work.append(("lndrl.localization.update", "update_belief", _localize))
+    if training and config.ppo.teacher is not None:
+        work.append(("lndrl.planners.rollouts", "decide", _teach))
+    work.append(("lndrl.navigation.step", "drive_worlds", _step))
+    work.append(("lndrl.navigation.step", "judge_worlds", _step))
+    if training and config.learner.device == "cpu":
+        work.append(("lndrl.policy.sparse.scan", "windows_gradient", _learn))
+    return list(dict.fromkeys(each for module, name, each in work if not is_kept(module, name)))
 
 
-def _compile(config: RunConfig, missing: list[Callable[[RunConfig], None]]) -> None:
+def _compile(config: RunConfig, missing: list[Work]) -> None:
     try:
         for each in missing:
             each(config)
@@ -78,24 +63,33 @@ def _compile(config: RunConfig, missing: list[Callable[[RunConfig], None]]) -> N
 
 def _localize(config: RunConfig) -> None:
     """A filter's first update, in the middle of an empty room; called as worlds call it."""
+    from lndrl.localization import LikelihoodMap, belief
+    from lndrl.localization.bins import make_bins
+    from lndrl.localization.resampling import kld_limits
+    from lndrl.localization.update import reset_belief, update_belief
+    from lndrl.maps.grid import OccupancyGrid
+
     laser, localization = config.world.laser, config.localization
     walls = np.ones((_MAP, _MAP), bool)
     walls[1:-1, 1:-1] = False
     grid = OccupancyGrid(walls, config.scenario.resolution)
     middle = np.array([0.5 * _MAP * grid.resolution] * 2 + [0.0])
-    belief = belief_of(make_beliefs(1, localization), 0)
-    scratch, bins = make_scratch(localization, laser), make_bins(localization)
-    reset_belief(middle, np.array(localization.initial_deviations), belief, scratch, bins)
+    robot = belief.belief_of(belief.make_beliefs(1, localization), 0)
+    scratch, bins = belief.make_scratch(localization, laser), make_bins(localization)
+    reset_belief(middle, np.array(localization.initial_deviations), robot, scratch, bins)
     readings = np.full(2, laser.range_max, np.float32)
     update_belief(
-        middle, readings, np.zeros(2, np.float32), belief, scratch, bins, kld_limits(localization),
-        make_field(LikelihoodMap.build(grid, localization, laser)),
-        make_settings(localization, laser), True,
+        middle, readings, np.zeros(2, np.float32), robot, scratch, bins, kld_limits(localization),
+        belief.make_field(LikelihoodMap.build(grid, localization, laser)),
+        belief.make_settings(localization, laser), True,
     )  # fmt: skip
 
 
 def _teach(config: RunConfig) -> None:
     """The teacher's costs of one observation."""
+    from lndrl.navigation import Observation
+    from lndrl.planners import teacher_of
+
     planner = teacher_of(config)
     planner.reset(config.seed, [0])
     planner.costs(Observation.zeros_for(1, config), np.zeros(1, np.int64))
@@ -103,6 +97,10 @@ def _teach(config: RunConfig) -> None:
 
 def _step(config: RunConfig) -> None:
     """A control step of no worlds at all."""
+    from lndrl.navigation import Observation
+    from lndrl.navigation.batch import NavigationBatch
+    from lndrl.navigation.navigation import build_surroundings
+
     place, field = build_surroundings(config)
     batch = NavigationBatch(place, field, config, 1, Observation.zeros_for(1, config))
     batch.judge(0, 0)
@@ -111,6 +109,10 @@ def _step(config: RunConfig) -> None:
 
 def _learn(config: RunConfig) -> None:
     """A gradient of nothing in particular."""
-    observation = Observation.zeros_for(1, config)
-    observation.pedestrian_count[:] = 1
-    build_policy(config)(prepare(observation, config)).sum().backward()
+    from lndrl.navigation import Observation
+    from lndrl.policy import build_policy, prepare, supports_sparse
+
+    if supports_sparse(config):
+        observation = Observation.zeros_for(1, config)
+        observation.pedestrian_count[:] = 1
+        build_policy(config)(prepare(observation, config)).sum().backward()
