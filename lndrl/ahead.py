@@ -46,10 +46,10 @@ def _missing(config: RunConfig, training: bool) -> list[Work]:
         work.append(("lndrl.localization.update", "update_belief", _localize))
     if training and config.ppo.teacher is not None:
         work.append(("lndrl.planners.rollouts", "decide", _teach))
-    work.append(("lndrl.navigation.step", "drive_worlds", _step))
-    work.append(("lndrl.navigation.step", "judge_worlds", _step))
     if training and config.learner.device == "cpu":
         work.append(("lndrl.policy.sparse.scan", "windows_gradient", _learn))
+    work.append(("lndrl.navigation.step", "drive_worlds", _step))
+    work.append(("lndrl.navigation.step", "judge_worlds", _step))
     return list(dict.fromkeys(each for module, name, each in work if not is_kept(module, name)))
 
 

@@ -15,7 +15,7 @@ from lndrl.config import find, load_config
 from lndrl.kernels import is_kept
 
 ROOT = Path(ahead.__file__).resolve().parents[1]
-WORK = (ahead._localize, ahead._teach, ahead._step, ahead._learn)
+WORK = (ahead._localize, ahead._teach, ahead._learn, ahead._step)
 
 
 def test_what_is_missing_is_done_once_and_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -25,7 +25,7 @@ def test_what_is_missing_is_done_once_and_in_order(monkeypatch: pytest.MonkeyPat
     assert ahead._missing(config, training=True) == list(WORK)
     assert ahead._missing(config, training=False) == [ahead._localize, ahead._step]
     kept |= {"update_belief", "decide", "judge_worlds"}
-    assert ahead._missing(config, training=True) == [ahead._step, ahead._learn]
+    assert ahead._missing(config, training=True) == [ahead._learn, ahead._step]
     kept |= {"drive_worlds", "windows_gradient"}
     assert ahead._missing(config, training=True) == []
 
