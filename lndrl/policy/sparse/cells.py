@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd import Function
 
 from lndrl.kernels import kernel
-from lndrl.policy.sparse.products import times_into
+from lndrl.policy.sparse.products import gradient_part, times_part
 from lndrl.policy.sparse.rows import product
 from lndrl.policy.sparse.structure import MapStructure
 
@@ -53,9 +53,9 @@ class CellProduct(Function):
         by_weight = torch.empty_like(weight)
         by_grouped = torch.empty_like(grouped)
         for cell, (begin, end) in enumerate(_groups(s)):
-            part = by_row[begin:end]
-            times_into(part, weight[cell], by_grouped[begin:end])
-            times_into(part.t(), grouped[begin:end], by_weight[cell])
+            part = slice(begin, end)
+            times_part(by_row, part, weight[cell], by_grouped)
+            gradient_part(by_row, grouped, part, by_weight[cell])
         by_rows = torch.empty_like(by_grouped)
         by_rows[torch.from_numpy(s.order)] = by_grouped
         blocks = len(grouped) - len(s.cell_stand_in)
@@ -79,7 +79,7 @@ def _multiply_cells(grouped: Tensor, weight: Tensor, s: MapStructure, skip: int)
         if begin + skip < end:
             rows = slice(begin + skip, end)
             if weight.dtype == torch.float32:
-                times_into(grouped[rows], weight[cell].t(), products[rows])
+                times_part(grouped, rows, weight[cell].t(), products)
             else:
                 products[rows] = product(grouped[rows], weight[cell].t())
     out = torch.zeros(s.samples + 1, weight.shape[1])

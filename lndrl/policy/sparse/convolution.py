@@ -25,7 +25,7 @@ from lndrl.policy.sparse.points import (
     interpolation,
     kernel_evaluation,
 )
-from lndrl.policy.sparse.products import times_into
+from lndrl.policy.sparse.products import gradient_part, times_part
 from lndrl.policy.sparse.rows import NONE, spread_empty
 
 if TYPE_CHECKING:
@@ -257,7 +257,7 @@ class PatchConvolution(Function):
         )  # fmt: skip
         products = torch.empty(len(values), channels)
         for point, part in _points(cut):
-            times_into(values[part], weight[point], products[part])
+            times_part(values, part, weight[point], products)
         blocks = len(level.stand_in)
         out = torch.empty(blocks, channels)
         winner = torch.empty(blocks, channels, dtype=torch.uint8)
@@ -292,8 +292,8 @@ class PatchConvolution(Function):
         spread_empty(by_block, by_winner, level.stand_in, conv_empty.numpy(), pool_empty.numpy())
         by_weight, by_values = torch.zeros_like(weight), torch.empty_like(values)
         for point, part in _points(cut):
-            times_into(values[part].t(), by_products[part], by_weight[point])
-            times_into(by_products[part], weight[point].t(), by_values[part])
+            gradient_part(values, by_products, part, by_weight[point])
+            times_part(by_products, part, weight[point].t(), by_values)
         by_rows = torch.empty(len(ctx.live), inputs)
         scratch = np.empty((LONGEST * SIDE, inputs), np.float32)
         _to_rows(

@@ -18,6 +18,8 @@ from lndrl.machine.processor import vendor
 
 _LEAST = 2**20
 """Multiplications of a product below which oneDNN takes longer to begin than it saves."""
+_ROUND = 16
+"""Rows of a product of parts are a multiple of this, see ``_rounded``."""
 
 
 def times(rows: Tensor, weight: Tensor) -> Tensor:
@@ -27,12 +29,37 @@ def times(rows: Tensor, weight: Tensor) -> Tensor:
     return torch.mm(rows, weight)
 
 
-def times_into(rows: Tensor, weight: Tensor, out: Tensor) -> None:
-    """``times``, written to ``out`` (M, N)."""
-    if _is_faster(rows, weight.shape[1]):
-        out.copy_(_by_onednn(rows, weight.t()))
-    else:
-        torch.mm(rows, weight, out=out)
+def times_part(rows: Tensor, part: slice, weight: Tensor, out: Tensor) -> None:
+    """out[part] = rows[part] @ weight, of rows (R, K) and out (R, N)."""
+    if not _is_faster(rows[part], weight.shape[1]):
+        torch.mm(rows[part], weight, out=out[part])
+        return
+    taken, inside = _rounded(part, len(rows))
+    out[part] = _by_onednn(rows[taken], weight.t())[inside]
+
+
+def gradient_part(rows: Tensor, gradient: Tensor, part: slice, out: Tensor) -> None:
+    """out (K, N) = rows[part].T @ gradient[part], of rows (R, K) and gradient (R, N)."""
+    if not _is_faster(rows[part].t(), gradient.shape[1]):
+        torch.mm(rows[part].t(), gradient[part], out=out)
+        return
+    taken, inside = _rounded(part, len(rows))
+    alone = rows.new_zeros(taken.stop - taken.start, rows.shape[1])
+    alone[inside] = rows[part]
+    out.copy_(_by_onednn(alone.t(), gradient[taken].t()))
+
+
+def _rounded(part: slice, length: int) -> tuple[slice, slice]:
+    """``part`` of ``length`` rows and some beside it, and where it lies among those.
+
+    oneDNN compiles a program for every number of rows and keeps a thousand. Patches and cells have
+    another number each time: in steps of ``_ROUND`` they are few.
+    """
+    count = part.stop - part.start
+    taken = min(-(-count // _ROUND) * _ROUND, length)
+    first = min(part.start, length - taken)
+    inside = slice(part.start - first, part.start - first + count)
+    return slice(first, first + taken), inside
 
 
 def linear(layer: nn.Linear, x: Tensor) -> Tensor:

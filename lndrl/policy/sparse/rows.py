@@ -16,7 +16,6 @@ from torch import Tensor
 from torch.autograd import Function
 
 from lndrl.kernels import kernel
-from lndrl.policy.sparse.products import times
 
 if TYPE_CHECKING:
     from lndrl.policy.sparse.structure import Level
@@ -91,8 +90,6 @@ def spread_empty(gradient, winner, stand_in, conv_out, pool_out):
 
 def product(rows: Tensor, weight: Tensor) -> Tensor:
     """``rows @ weight`` in the type of the weights, as float32: the kernels know no other."""
-    if weight.dtype == torch.float32:
-        return times(rows, weight)
     return (rows.to(weight.dtype) @ weight).float()
 
 
@@ -143,8 +140,8 @@ class ConvolvePool(Function):
         spread_empty(
             by_block, by_winner, ctx.level.stand_in, conv_empty.numpy(), pool_empty.numpy()
         )
-        by_rows = times(spread, weight.t()) if ctx.needs_input_grad[0] else None
-        return by_rows, times(rows.t(), spread), conv_empty, pool_empty, None
+        by_rows = spread @ weight.t() if ctx.needs_input_grad[0] else None
+        return by_rows, rows.t() @ spread, conv_empty, pool_empty, None
 
 
 def flat_weight(weight: Tensor) -> Tensor:

@@ -111,7 +111,8 @@ class ScanConvolutions(Function):
             part, into = scan[begin : begin + _CHUNK], out[begin : begin + _CHUNK]
             seen = windows[: len(part)]
             first.windows(part, hidden, seen)
-            values = product(seen.view(-1, len(flat2)), flat2).add_(bias2)
+            multiply = times if flat2.dtype == torch.float32 else product
+            values = multiply(seen.view(-1, len(flat2)), flat2).add_(bias2)
             _relu_by_channel(values.view(len(part), -1, channels).numpy(), into.numpy())
         ctx.save_for_backward(scan, out, flat2)
         ctx.first, ctx.kernel = first, kernel

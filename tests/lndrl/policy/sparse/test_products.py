@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from lndrl.policy.sparse import products
-from lndrl.policy.sparse.products import linear, times, times_into
+from lndrl.policy.sparse.products import gradient_part, linear, times, times_part
 
 
 @pytest.fixture(params=[False, True], autouse=True)
@@ -27,10 +27,28 @@ def test_products_are_products(rows: int, inner: int, columns: int, transposed: 
     b = torch.randn(columns, inner).t() if transposed else torch.randn(inner, columns)
     exact = (a.double() @ b.double()).float()
     torch.testing.assert_close(times(a, b), exact, rtol=1e-5, atol=1e-5)
-    out = torch.full((rows + 2, columns), 7.0)
-    times_into(a, b, out[1:-1])
-    torch.testing.assert_close(out[1:-1], exact, rtol=1e-5, atol=1e-5)
-    assert (out[0] == 7.0).all() and (out[-1] == 7.0).all()
+
+
+@pytest.mark.parametrize("part", [(0, 1), (0, 16), (3, 20), (30, 40), (39, 40), (0, 40)])
+def test_products_of_a_part_are_of_that_part_alone(part: tuple[int, int]) -> None:
+    """Neighbours may be multiplied, too: nothing of it shows."""
+    torch.manual_seed(2)
+    rows, gradient, weight = torch.randn(40, 24), torch.randn(40, 9), torch.randn(24, 9)
+    chosen = slice(*part)
+    out = torch.full((40, 9), 7.0)
+    times_part(rows, chosen, weight, out)
+    torch.testing.assert_close(out[chosen], rows[chosen] @ weight, rtol=1e-5, atol=1e-5)
+    assert (out[: part[0]] == 7.0).all() and (out[part[1] :] == 7.0).all()
+    found = torch.empty(24, 9)
+    gradient_part(rows, gradient, chosen, found)
+    exact = rows[chosen].t() @ gradient[chosen]
+    torch.testing.assert_close(found, exact, rtol=1e-5, atol=1e-5)
+
+
+def test_sizes_are_few() -> None:
+    """Each would be compiled, and a thousand are kept."""
+    taken = [products._rounded(slice(5, 5 + n), 1000)[0] for n in range(1, 321)]
+    assert len({each.stop - each.start for each in taken}) == 20
 
 
 def test_a_layer_and_its_gradients() -> None:
