@@ -15,13 +15,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import torch
-
 from actors.fetcher import FETCH_TIMEOUT, Fetcher
 from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
 from lndrl import kernels
 from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
+from lndrl.machine.threads import set_threads
 from lndrl.transport import (
     NO_WEIGHTS,
     ActorEndpoint,
@@ -52,7 +51,7 @@ class Actor:
     ``config.actor.worlds``; where that is auto, ``siblings`` is how many actors there are (see
     ``RunConfig.worlds_per_actor``). ``patient`` waits for a learner that does not answer instead of
     failing; ``alone`` in its process, it fetches weights in a thread while worlds go on with those
-    at hand, and torch has ``config.actor.threads`` threads.
+    at hand, and matrix products have ``config.actor.threads`` threads.
     ``on_event(event, text)`` hears of joined, refused, stale and the like.
     """
 
@@ -165,10 +164,10 @@ class Actor:
             first_episode = offset * config.actor.horizon if lockstep else offset
             index = welcome.actor_index
             worlds = self._worlds or config.worlds_per_actor(self._siblings)
-            if self._alone:
-                torch.set_num_threads(config.actor.threads)
             with self._compiling_told():
                 rollout = Rollout(config, index, worlds, first_episode, self._device, self.laps)
+            if self._alone:
+                set_threads(config.actor.threads)
             self.rollout, self._weights_from = rollout, ""
             self.laps.restart()  # building worlds and compiling is no part of any chunk
         self._on_event(

@@ -69,9 +69,7 @@ class Rollout:
         # The policy's first ones are compiled before there is a world.
         expect(*KERNELS, *((know_worlds,) if config.learner.privileged_critic else ()))
         expect(*(teaching.KERNELS if config.ppo.teacher is not None else ()))
-        self.runner = PolicyRunner(
-            config, device, config.actor.precision == "bfloat16", initialize=False
-        )
+        self.runner = PolicyRunner(config, device, config.actor.precision == "bfloat16")
         surroundings = build_surroundings(config)
         self.environment = VectorNavigation(
             config,

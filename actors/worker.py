@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from lndrl.machine.cores import THREAD_VARIABLES
 from lndrl.machine.signals import stop_handler, unblock
+from lndrl.machine.threads import use_wide_products
 
 if TYPE_CHECKING:
     from lndrl.config import TransportConfig
@@ -88,6 +89,7 @@ def main(options: WorkerOptions, channel: Connection) -> None:
     """
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
+    use_wide_products()
     stop = threading.Event()
     with stop_handler(lambda *_: stop.set()):
         # The fleet spawns with these blocked, so that none arrives before there is a handler.

@@ -35,6 +35,7 @@ from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_threads
+from lndrl.machine.threads import set_threads
 from lndrl.policy import (
     Network,
     build_policy,
@@ -410,8 +411,8 @@ class PPO:
             self._entropy = weight
 
     def _limit_threads(self) -> None:
-        # torch's thread count belongs to the calling thread.
-        torch.set_num_threads(self.threads)
+        # torch's thread count belongs to the calling thread; NumPy multiplies small parts, many.
+        set_threads(self.threads, products=1)
 
     def _load(self, batch: Batch) -> None:
         if self.samples.load(batch):

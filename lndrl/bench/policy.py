@@ -10,8 +10,18 @@ import torch
 from lndrl.bench.report import device_name, median_seconds
 from lndrl.bench.scene import hybrid_config, observations
 from lndrl.config import RunConfig
+from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.navigation import Observation, draw_pedestrian_map
-from lndrl.policy import Inputs, PolicyRunner, prepare
+from lndrl.policy import (
+    Inputs,
+    Network,
+    PolicyRunner,
+    build_policy,
+    initial_weights,
+    load_into,
+    prepare,
+    resolve_device,
+)
 
 BATCH = 64
 """Worlds of an actor where few actors share a machine."""
@@ -33,19 +43,19 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     not there.
     """
     config = hybrid_config()
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        runner = PolicyRunner(config, device)
-        on_cpu = runner.device.type == "cpu"
+    with kept_threads():
+        set_threads(1)
+        place = resolve_device(device)
+        runner = _runner(config, device)
+        on_cpu = place.type == "cpu"
         batch, others = (BATCH, OTHER_BATCHES) if on_cpu else (BATCH_GPU, OTHER_BATCHES_GPU)
         met = observations(config, _MET, 1)[0]
         count = met.pedestrian_count
         crowded = met.take((count >= IN_VIEW[0]) & (count <= IN_VIEW[1]))
-        coarse = PolicyRunner(config, device, bfloat16=True)
+        coarse = _runner(config, device, bfloat16=True)
         return {
             "samples_per_second": _rate(runner, crowded, batch, seconds),
-            "device": device_name(runner.device),
+            "device": device_name(place),
             "batch": batch,
             "people_in_view": float(crowded.pedestrian_count.mean()),
             "by_batch": {str(b): _rate(runner, crowded, b, seconds) for b in others},
@@ -55,8 +65,12 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
             "bf16_instructions": not on_cpu or bool(torch.cpu._is_avx512_bf16_supported()),
             "max_difference": _difference(runner, crowded),
         }
-    finally:
-        torch.set_num_threads(threads)
+
+
+def _runner(config: RunConfig, device: str, bfloat16: bool = False) -> PolicyRunner:
+    runner = PolicyRunner(config, device, bfloat16)
+    runner.load(initial_weights(config))
+    return runner
 
 
 def _rate(runner: PolicyRunner, met: Observation, batch: int, seconds: float) -> float:
@@ -73,28 +87,30 @@ def _rate(runner: PolicyRunner, met: Observation, batch: int, seconds: float) ->
 
 def _dense_rate(met: Observation, seconds: float) -> float:
     pieces = _pieces(met, BATCH)[:2]
-    runner = PolicyRunner(hybrid_config())
+    config = hybrid_config()
+    network = build_policy(config).requires_grad_(False)
 
     def act_on_all() -> None:
         for observation in pieces:
-            _dense(runner, observation)
+            _dense(network, observation, config)
 
     return len(pieces) * BATCH / median_seconds(act_on_all, seconds)
 
 
 def _difference(runner: PolicyRunner, met: Observation) -> float:
     """Largest difference of log-probabilities to the dense evaluation, in float32."""
-    reference = PolicyRunner(runner.config)
-    reference.network.load_state_dict(runner.network.state_dict())
+    config = runner.config
+    reference = build_policy(config, initialize=False).requires_grad_(False)
+    load_into(reference, initial_weights(config))
     return max(
-        float(np.abs(runner.log_probabilities(piece) - _dense(reference, piece)).max())
+        float(np.abs(runner.log_probabilities(piece) - _dense(reference, piece, config)).max())
         for piece in _pieces(met, BATCH)
     )
 
 
-def _dense(runner: PolicyRunner, observation: Observation) -> Any:
+def _dense(network: Network, observation: Observation, config: RunConfig) -> Any:
     with torch.inference_mode():
-        logits = runner.network(_drawn(observation, runner.config))
+        logits = network(_drawn(observation, config))
         return torch.log_softmax(logits, dim=1).numpy()
 
 

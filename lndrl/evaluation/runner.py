@@ -11,9 +11,11 @@ from lndrl.errors import UserError
 from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.result import EvaluationResult
+from lndrl.machine.threads import kept_threads
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.families import Family
 from lndrl.planners import PlannerSource, ShieldedPlanner, planner_source
+from lndrl.policy import act_on_one_thread, load_engine
 from lndrl.version import VERSION
 
 BLOCK = 8
@@ -70,7 +72,7 @@ def evaluate(
     vetoes: dict[int, int] = {}
     work = source, config, greedy
     results = run_tasks(_make_work, work, blocks, min(workers, len(blocks)), config)
-    with _same_threads_after(source), closing(results):
+    with _same_threads_after(source, config), closing(results):
         for record, vetoed in results:
             records.append(record)
             vetoes[record.world] = vetoed
@@ -108,10 +110,7 @@ def result_of(
 
 def _make_work(source: PlannerSource, config: RunConfig, greedy: bool) -> Work:
     if source.weights is not None:
-        import torch
-
-        # Workers share the cores by being many, and sums rounded alike need as many threads.
-        torch.set_num_threads(1)
+        act_on_one_thread(config)
     return _Counting(EpisodeRunner(source, config, greedy, Family.VALIDATION))
 
 
@@ -130,15 +129,9 @@ class _Counting:
 
 
 @contextmanager
-def _same_threads_after(source: PlannerSource) -> Iterator[None]:
-    """Give this process its torch threads back, should ``_make_work`` have run in it."""
-    if source.weights is None:
+def _same_threads_after(source: PlannerSource, config: RunConfig) -> Iterator[None]:
+    """Give this process its threads back, should ``_make_work`` have run in it."""
+    if source.weights is not None:
+        load_engine(config)
+    with kept_threads():
         yield
-        return
-    import torch
-
-    threads = torch.get_num_threads()
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

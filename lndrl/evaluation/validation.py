@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-
-import torch
+from contextlib import contextmanager, nullcontext
 
 from lndrl.config import RunConfig
 from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.runner import BLOCK
+from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.families import Family
 from lndrl.planners import PlannerSource
 from lndrl.planners.policy import PolicyPlanner
+from lndrl.policy import load_engine
 
 SEED = 0
 """Of the episodes, whatever the run's seed is: runs can be compared episode by episode."""
@@ -45,7 +46,7 @@ class ValidationEpisodes:
         scenario.
         """
         counts: Counter[str] = Counter()
-        with _alone():
+        with _alone(self._config):
             runner = self._drive(weights, greedy)
             for first in range(0, self.episodes, BLOCK):
                 block = range(first, min(first + BLOCK, self.episodes))
@@ -69,15 +70,13 @@ class ValidationEpisodes:
 
 
 @contextmanager
-def _alone() -> Iterator[None]:
-    """One torch thread, as in ``lndrl evaluate``, and no draw from torch's own generator.
+def _alone(config: RunConfig) -> Iterator[None]:
+    """One thread, as in ``lndrl evaluate``, and no draw from torch's own generator.
 
     A learner in the same process finds both as they were.
     """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with torch.random.fork_rng(devices=[]):
-            yield
-    finally:
-        torch.set_num_threads(threads)
+    load_engine(config)
+    torch = sys.modules.get("torch")
+    with kept_threads(), nullcontext() if torch is None else torch.random.fork_rng(devices=[]):
+        set_threads(1)
+        yield

@@ -46,7 +46,7 @@ class PolicyPlanner:
         temperature: float = 1.0,
     ) -> PolicyPlanner:
         """Planner from a weights blob; raises UserError when it does not fit ``config``."""
-        runner = PolicyRunner(config, initialize=False)
+        runner = PolicyRunner(config)
         runner.load(weights)
         return cls(runner, name, greedy, temperature)
 

@@ -6,17 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.navigation.terms import as_tested
-from lndrl.policy.inputs import Inputs, pooling_factor, supports_sparse
-from lndrl.policy.networks import build_policy
+from lndrl.policy import (
+    ArrayInputs,
+    driven_at,
+    local_policy,
+    pooling_factor,
+    supports_sparse,
+)
+from lndrl.policy import load_policy as read_policy
 from lndrl.policy.sparse import MapStructure, drawn_structure
-from lndrl.policy.weights import driven_at, load_into
-from lndrl.policy.weights import load_policy as read_policy
 
 Observations = Mapping[str, NDArray[np.floating]]
 
@@ -35,11 +38,9 @@ class TrainedPolicy:
         """Raises UserError when ``weights`` do not fit the network of ``config``."""
         self.config = as_tested(config)
         self.temperature = driven_at(weights)
-        self._network = build_policy(config).requires_grad_(False).eval()
-        load_into(self._network, weights, config=config)
+        self._policy = local_policy(config)
+        self._policy.load(weights)
         self._sparse = supports_sparse(config)
-        if self._sparse:
-            self._network.freeze()
         self._generator = np.random.default_rng(seed)
         task, beams = config.task, config.world.laser.beams
         self._shapes = {
@@ -71,10 +72,7 @@ class TrainedPolicy:
         They are the network's, at temperature 1.
         """
         lead, arrays = self._checked(observation)
-        with torch.inference_mode():
-            logits = self._network(self._inputs(arrays))
-            result = torch.log_softmax(logits.float(), dim=1).numpy()
-        return result.reshape(*lead, -1)
+        return self._policy.answer(self._inputs(arrays)).reshape(*lead, -1)
 
     def _checked(
         self, observation: Observations
@@ -94,22 +92,19 @@ class TrainedPolicy:
                 )
         return lead, {name: a.reshape(-1, *self._shapes[name]) for name, a in arrays.items()}
 
-    def _inputs(self, arrays: Mapping[str, NDArray[np.floating]]) -> Inputs:
+    def _inputs(self, arrays: Mapping[str, NDArray[np.floating]]) -> ArrayInputs:
         # Through the counts that the shares were made of: the same bits as in training.
         counts = np.rint(arrays["scan"].astype(np.float64) * SCAN_COUNTS).astype(np.uint16)
         scan = (counts * np.float32(1.0 / SCAN_COUNTS)).reshape(len(counts), -1)
-        return Inputs(
-            torch.from_numpy(scan),
-            torch.from_numpy(arrays["goal"].astype(np.float32)),
-            self._people(arrays["pedestrians"].astype(np.float32)),
-        )
+        people = self._people(arrays["pedestrians"].astype(np.float32))
+        return ArrayInputs(scan, arrays["goal"].astype(np.float32), people)
 
-    def _people(self, maps: NDArray[np.float32]) -> torch.Tensor | MapStructure | None:
+    def _people(self, maps: NDArray[np.float32]) -> NDArray[np.float32] | MapStructure | None:
         if not self.config.network.pedestrian_map:
             return None
         if self._sparse:
             return drawn_structure(maps, pooling_factor(self.config))
-        return torch.from_numpy(maps).contiguous(memory_format=torch.channels_last)
+        return maps
 
 
 def load_policy(path: Path | str, seed: int | None = None) -> TrainedPolicy:

@@ -12,7 +12,7 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.navigation.observation import SCAN_COUNTS
 from lndrl.policy.networks import FanScanEncoder, ScanEncoder, build_policy
-from lndrl.policy.weights import load_into
+from lndrl.policy.tensors import load_into
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def first_layer(config: RunConfig, weights: bytes, scan: NDArray[np.uint16]) -> 
 
     Raises UserError when ``weights`` do not fit the networks of ``config``.
     """
-    network = build_policy(config)
+    network = build_policy(config, initialize=False)
     encoder = getattr(network, "scan_encoder", None)
     if not isinstance(encoder, ScanEncoder | FanScanEncoder):
         raise UserError(

@@ -1,4 +1,4 @@
-"""What the networks read, made from observations: on the CPU sparse, elsewhere drawn."""
+"""What the networks read, as tensors: on the CPU sparse, elsewhere drawn."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lndrl.config import RunConfig
-from lndrl.config.learning import BUILT_IN
 from lndrl.navigation import Observation
-from lndrl.navigation.observation import SCAN_COUNTS
-from lndrl.navigation.pedestrian_map import draw_pedestrian_map
-from lndrl.policy.sparse import LEVELS, STAND_IN, MapStructure, map_structure
+from lndrl.policy.arrays import ArrayInputs, array_inputs
+from lndrl.policy.sparse import MapStructure
 
 
 @dataclass(frozen=True)
@@ -46,30 +44,15 @@ def prepare(
     Both networks can share the result, which holds no weights. Other devices make their inputs
     themselves, from a CompactObservation.
     """
-    scan = torch.from_numpy(observation.scan * np.float32(1.0 / SCAN_COUNTS))
-    goal = torch.from_numpy(np.array(observation.goal))  # may be a read-only message
+    return as_tensors(array_inputs(observation, config, exact), privileged)
+
+
+def as_tensors(arrays: ArrayInputs, privileged: NDArray[np.float32] | None = None) -> Inputs:
+    """The same inputs as tensors, of the same memory."""
     people: Tensor | MapStructure | None
-    if not config.network.pedestrian_map:
-        people = None
-    elif supports_sparse(config):
-        people = map_structure(observation, config.task, pooling_factor(config), exact)
+    if isinstance(arrays.people, np.ndarray):
+        people = torch.from_numpy(arrays.people).contiguous(memory_format=torch.channels_last)
     else:
-        people = torch.from_numpy(
-            draw_pedestrian_map(observation.pedestrians, observation.pedestrian_count, config.task)
-        ).contiguous(memory_format=torch.channels_last)
+        people = arrays.people
     known = None if privileged is None else torch.from_numpy(privileged)
-    return Inputs(scan, goal, people, known)
-
-
-def supports_sparse(config: RunConfig) -> bool:
-    """Whether the sparse encoder can evaluate this network; a user's own gets dense maps."""
-    network = config.network
-    if network.policy != BUILT_IN or network.map_encoder != BUILT_IN:
-        return False
-    cells, pooling = config.task.map_cells, pooling_factor(config)
-    return cells >= STAND_IN[pooling] and cells % pooling**LEVELS == 0
-
-
-def pooling_factor(config: RunConfig) -> int:
-    """By how much each level of the map encoder shrinks a side: 2, or 1 without pooling."""
-    return 2 if config.network.pooling == "max" else 1
+    return Inputs(torch.from_numpy(arrays.scan), torch.from_numpy(arrays.goal), people, known)

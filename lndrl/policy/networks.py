@@ -21,26 +21,30 @@ from lndrl.config.learning import BUILT_IN, SCAN_ENCODERS
 from lndrl.extensions import ENCODER, NETWORK, find
 from lndrl.navigation import action_table
 from lndrl.navigation.privileged.floats import NAMES
-from lndrl.policy.inputs import Inputs, pooling_factor
-from lndrl.policy.own import OwnEncoder, OwnNetwork
-from lndrl.policy.sparse import (
-    LEVELS,
-    STAND_IN,
-    MapStructure,
+from lndrl.policy.arrays import pooling_factor
+from lndrl.policy.gradients import (
     cell_linear,
     convolve_patches,
     convolve_pool,
     flat_weight,
     linear,
     scan_convolutions,
-    stand_in_cells,
     train_cell_linear,
     weight_at_points,
 )
-
-FAN_SCAN_FEATURES = 256
-FAN_TRUNK_FEATURES = 128
-"""Units of DRL_laser's layers (KNOWN, parameters §7.1)."""
+from lndrl.policy.inputs import Inputs
+from lndrl.policy.own import OwnEncoder, OwnNetwork
+from lndrl.policy.shapes import (
+    FAN_SCAN_FEATURES,
+    FAN_TRUNK_FEATURES,
+    SCAN_CHANNELS,
+    fan_positions,
+    goal_floats,
+    has_plain_goal,
+    last_cells,
+    scan_positions,
+)
+from lndrl.policy.sparse import STAND_IN, MapStructure, stand_in_cells
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,7 @@ class MapEncoder(nn.Module):
         self.conv1 = nn.Conv2d(3, first, 3, padding=1)
         self.conv2 = nn.Conv2d(first, second, 3, padding=1)
         self.conv3 = nn.Conv2d(second, third, 3, padding=1)
-        self.cells = config.task.map_cells // self.pooling**LEVELS
+        self.cells = last_cells(config)
         self.features = config.network.features
         self.linear = CellLinear(self.cells**2, third, self.features)
         self._frozen: FrozenWeights | None = None
@@ -173,11 +177,11 @@ class ScanEncoder(nn.Module):
 
     def __init__(self, config: RunConfig) -> None:
         super().__init__()
-        self.conv1 = nn.Conv1d(1, 32, 5, stride=3)
-        self.conv2 = nn.Conv1d(32, 32, 3, stride=2)
-        width = ((config.world.laser.beams - 5) // 3 + 1 - 3) // 2 + 1
+        self.conv1 = nn.Conv1d(1, SCAN_CHANNELS, 5, stride=3)
+        self.conv2 = nn.Conv1d(SCAN_CHANNELS, SCAN_CHANNELS, 3, stride=2)
+        positions = scan_positions(config.world.laser.beams)
         self.features = config.network.features
-        self.linear = nn.Linear(32 * width, self.features)
+        self.linear = nn.Linear(SCAN_CHANNELS * positions, self.features)
 
     def forward(self, scan: Tensor) -> Tensor:
         one, two = self.conv1, self.conv2
@@ -201,11 +205,11 @@ class FanScanEncoder(nn.Module):
     def __init__(self, config: RunConfig) -> None:
         super().__init__()
         self.frames = config.task.scan_frames
-        self.conv1 = nn.Conv1d(self.frames, 32, 5, stride=2, padding=1)
-        self.conv2 = nn.Conv1d(32, 32, 3, stride=2, padding=1)
-        width = (((config.world.laser.beams - 3) // 2 + 1) - 1) // 2 + 1
+        self.conv1 = nn.Conv1d(self.frames, SCAN_CHANNELS, 5, stride=2, padding=1)
+        self.conv2 = nn.Conv1d(SCAN_CHANNELS, SCAN_CHANNELS, 3, stride=2, padding=1)
+        positions = fan_positions(config.world.laser.beams)
         self.features = FAN_SCAN_FEATURES
-        self.linear = nn.Linear(32 * width, self.features)
+        self.linear = nn.Linear(SCAN_CHANNELS * positions, self.features)
 
     def forward(self, scan: Tensor) -> Tensor:
         x = F.relu(self.conv2(self.first(scan)))
@@ -230,12 +234,11 @@ class NavigationNetwork(nn.Module):
     def __init__(self, config: RunConfig, outputs: int, privileged: int = 0) -> None:
         super().__init__()
         network = config.network
-        fan = network.scan_encoder == "fan"
         self.outputs = outputs
-        self.goals = 6 if network.variances else 3
+        self.goals = goal_floats(config)
         self.map_encoder = map_encoder(config) if network.pedestrian_map else None
         self.scan_encoder = scan_encoder(config)
-        plain = fan and not network.pedestrian_map
+        plain = has_plain_goal(config)
         self.goal_encoder = None if plain else nn.Linear(self.goals, network.goal_features)
         joined = self.scan_encoder.features
         joined += self.goals if plain else network.goal_features

@@ -1,4 +1,7 @@
-"""Weights as bytes and files: safetensors with the run's configuration in its metadata."""
+"""Weights as bytes and files: safetensors with the run's configuration in its metadata.
+
+Arrays alone; what makes tensors of them is in ``tensors``.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.torch import load as load_tensors
-from safetensors.torch import save as save_tensors
-from torch import Tensor, nn
+from safetensors.numpy import load as load_tensors
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.config.shipped import SHIPPED_POLICY
@@ -20,7 +22,7 @@ from lndrl.errors import UserError
 from lndrl.models import TEMPERATURES
 from lndrl.numbering import BEST, checkpoints_in
 from lndrl.policy.layout import CONFIG_KEY, explain_misfit, said_inside
-from lndrl.policy.networks import build_policy
+from lndrl.policy.shapes import Shapes
 from lndrl.policy.shipped import SHIPPED_FILE, metadata_in, widened
 from lndrl.version import VERSION
 
@@ -64,19 +66,10 @@ class Guidance:
         return found
 
 
-def to_bytes(network: nn.Module, metadata: dict[str, str] | None = None) -> bytes:
-    """All parameters of ``network`` as one safetensors blob (float32, on the CPU)."""
-    tensors = {
-        name: tensor.detach().to("cpu", torch.float32).contiguous()
-        for name, tensor in network.state_dict().items()
-    }
-    return save_tensors(tensors, metadata)
-
-
-def load_into(
-    network: nn.Module, blob: bytes, where: str = "weights", config: RunConfig | None = None
-) -> None:
-    """Copy the tensors of ``blob`` into ``network``.
+def read_tensors(
+    blob: bytes, shapes: Shapes, where: str = "weights", config: RunConfig | None = None
+) -> dict[str, NDArray[np.float32]]:
+    """The tensors of ``blob``, which are those that ``shapes`` names.
 
     Raises UserError when the blob is no safetensors file, holds other names or shapes, or a
     value that is not finite. Given the network's ``config``, it names the observation layout that
@@ -86,44 +79,31 @@ def load_into(
         tensors = load_tensors(blob)
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{where}: not a safetensors file ({error})") from None
-    expected = network.state_dict()
-    misfit = _misfit(tensors, expected)
+    misfit = _misfit(tensors, shapes)
     if misfit is not None:
         explained = explain_misfit(where, blob, config) if config is not None else None
         raise UserError(explained or f"{where}: {misfit}; these weights are of another network")
-    _check_values(tensors, expected, where)
-    with torch.no_grad():
-        for name, target in expected.items():
-            target.copy_(tensors[name])
+    for name, tensor in tensors.items():
+        if tensor.dtype != np.float32:
+            raise UserError(f"{where}: {name} is {tensor.dtype}, not float32")
+        # NaN and infinity both show in the extremes, sooner than by looking one by one.
+        if not (math.isfinite(tensor.min()) and math.isfinite(tensor.max())):
+            raise UserError(f"{where}: {name} holds values that are not finite")
+    return tensors
 
 
-def _misfit(tensors: dict[str, Tensor], expected: dict[str, Tensor]) -> str | None:
-    """The first name or shape that is not ``expected``."""
-    for name, target in expected.items():
+def _misfit(tensors: Mapping[str, NDArray[np.generic]], shapes: Shapes) -> str | None:
+    """The first name or shape that is not among ``shapes``."""
+    for name, shape in shapes.items():
         if name not in tensors:
             return f"{name} is missing"
-        if tensors[name].shape != target.shape:
+        if tensors[name].shape != shape:
             return (
                 f"{name} has shape {list(tensors[name].shape)} where this configuration "
-                f"has {list(target.shape)}"
+                f"has {list(shape)}"
             )
-    extra = sorted(set(tensors) - set(expected))
+    extra = sorted(set(tensors) - set(shapes))
     return f"unknown tensor {extra[0]}" if extra else None
-
-
-def _check_values(tensors: dict[str, Tensor], expected: dict[str, Tensor], where: str) -> None:
-    for name, target in expected.items():
-        if tensors[name].dtype != target.dtype:
-            raise UserError(f"{where}: {name} is {tensors[name].dtype}, not {target.dtype}")
-        # NaN and infinity both show in the extremes, ten times sooner than by looking one by one.
-        if not all(math.isfinite(extreme) for extreme in torch.aminmax(tensors[name])):
-            raise UserError(f"{where}: {name} holds values that are not finite")
-
-
-def initial_weights(config: RunConfig) -> bytes:
-    """Freshly initialized policy weights, seeded by ``config.seed``."""
-    torch.manual_seed(config.seed)
-    return to_bytes(build_policy(config))
 
 
 def policy_metadata(config: RunConfig, version: int, steps: int) -> dict[str, str]:

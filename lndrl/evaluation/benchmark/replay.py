@@ -21,6 +21,7 @@ from lndrl.navigation import EpisodeRecord, Navigation, WorldSnapshot
 from lndrl.navigation.families import Family, episode_of
 from lndrl.navigation.reward import angle_error, position_error
 from lndrl.planners import has_weights, is_rule, planner_source
+from lndrl.policy import act_on_one_thread
 from lndrl.world.contacts import Hit
 
 Floats = NDArray[np.float64]
@@ -93,10 +94,7 @@ class Replay:
         self.contender = contender
         self.config = bench_config(contender, scenario, seed, changes)
         if contender.source.weights is not None:
-            import torch
-
-            # As in the bench: sums rounded alike need as many threads.
-            torch.set_num_threads(1)
+            act_on_one_thread(self.config)  # as in the bench
         self._runner = EpisodeRunner(contender.source, self.config, contender.greedy, family)
 
     def drive(

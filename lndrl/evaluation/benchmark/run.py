@@ -22,6 +22,7 @@ from lndrl.evaluation.runner import BLOCK
 from lndrl.navigation import EpisodeRecord, build_surroundings
 from lndrl.navigation.families import Family
 from lndrl.planners.factory import RULES
+from lndrl.policy import act_on_one_thread
 from lndrl.version import VERSION
 
 _PLACES = 8
@@ -210,9 +211,5 @@ class _Bench:
 
 
 def _make_work(cells: tuple[Cell, ...]) -> Work:
-    if any(cell.depends_on_company for cell in cells):
-        import torch
-
-        # Workers share the cores by being many, and sums rounded alike need as many threads.
-        torch.set_num_threads(1)
+    act_on_one_thread(*(cell.config for cell in cells if cell.depends_on_company))
     return _Bench(cells)

@@ -14,6 +14,7 @@ from lndrl.evaluation.pool import Work, run_tasks
 from lndrl.evaluation.runner import BLOCK
 from lndrl.navigation.families import Family
 from lndrl.planners import PlannerSource
+from lndrl.policy import act_on_one_thread
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,5 @@ class _Watched:
 
 def _make_work(source: PlannerSource, configs: tuple[RunConfig, ...], greedy: bool) -> Work:
     if source.weights is not None:
-        import torch
-
-        # Workers share the cores by being many, and sums rounded alike need as many threads.
-        torch.set_num_threads(1)
+        act_on_one_thread(*configs)
     return _Watched(source, configs, greedy)

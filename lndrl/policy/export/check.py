@@ -15,8 +15,8 @@ from lndrl.config import RunConfig
 from lndrl.navigation import Observation, VectorNavigation
 from lndrl.navigation.observation import dequantise
 from lndrl.navigation.terms import as_tested
+from lndrl.policy.acting import PolicyRunner
 from lndrl.policy.export.graph import OUTPUT, goal_values
-from lndrl.policy.inference import PolicyRunner
 
 if TYPE_CHECKING:
     import onnxruntime

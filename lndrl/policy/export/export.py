@@ -14,6 +14,7 @@ import numpy as np
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.navigation import Observation
+from lndrl.policy.acting import PolicyRunner
 from lndrl.policy.export.check import (
     RoundTrip,
     decisions_per_second,
@@ -23,7 +24,8 @@ from lndrl.policy.export.check import (
 )
 from lndrl.policy.export.contract import METADATA_KEY, contract_for
 from lndrl.policy.export.convert import check_installed, to_onnx, whose_parts
-from lndrl.policy.inference import PolicyRunner
+from lndrl.policy.networks import build_policy
+from lndrl.policy.tensors import load_into
 from lndrl.policy.weights import driven_at
 
 _SEED = 20  # of the drive that is compared on; any would do
@@ -74,7 +76,9 @@ def export_policy(
     runner = PolicyRunner(config)
     runner.load(weights)
     temperature = driven_at(weights, where)
-    model = to_onnx(config, runner.network, where, temperature)
+    network = build_policy(config, initialize=False)
+    load_into(network, weights, where, config)
+    model = to_onnx(config, network, where, temperature)
     contract = contract_for(config, weights, model.opset_import[0].version)
     entry = model.metadata_props.add()
     entry.key, entry.value = METADATA_KEY, json.dumps(contract)

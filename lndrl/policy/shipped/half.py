@@ -10,10 +10,10 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import torch
-from safetensors.torch import load as load_tensors
-from safetensors.torch import save as save_tensors
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
 
 from lndrl.errors import UserError
 
@@ -32,10 +32,11 @@ def narrowed(blob: bytes, metadata: Mapping[str, str], where: str = "weights") -
     """
     tensors = load_tensors(blob)
     for name, tensor in tensors.items():
-        half = tensor.to(torch.float16)
-        if not torch.isfinite(half).all():
+        with np.errstate(over="ignore"):
+            half = tensor.astype(np.float16)
+        if not np.isfinite(half).all():
             raise UserError(
-                f"{where}: {name} holds a number beyond {torch.finfo(torch.float16).max:g}, the "
+                f"{where}: {name} holds a number beyond {np.finfo(np.float16).max:g}, the "
                 "largest in half precision; these weights cannot be shipped"
             )
         tensors[name] = half
@@ -45,16 +46,16 @@ def narrowed(blob: bytes, metadata: Mapping[str, str], where: str = "weights") -
 def widened(blob: bytes, metadata: Mapping[str, str]) -> bytes:
     """``blob`` with its float16 tensors as float32; itself where it has none."""
     tensors = load_tensors(blob)
-    if all(tensor.dtype != torch.float16 for tensor in tensors.values()):
+    if all(tensor.dtype != np.float16 for tensor in tensors.values()):
         return blob
     wide = {
-        name: tensor.to(torch.float32) if tensor.dtype == torch.float16 else tensor
+        name: tensor.astype(np.float32) if tensor.dtype == np.float16 else tensor
         for name, tensor in tensors.items()
     }
     return _saved(wide, metadata)
 
 
-def _saved(tensors: dict[str, Tensor], metadata: Mapping[str, str]) -> bytes:
+def _saved(tensors: dict[str, NDArray[np.floating]], metadata: Mapping[str, str]) -> bytes:
     """A safetensors blob that is the same, byte for byte, every time.
 
     The library writes metadata in any order, and results are known by the digest of the weights.
@@ -75,4 +76,4 @@ def metadata_in(blob: bytes) -> dict[str, str]:
 
 def parameters_in(blob: bytes) -> int:
     """How many numbers the tensors of a safetensors blob have."""
-    return sum(tensor.numel() for tensor in load_tensors(blob).values())
+    return sum(tensor.size for tensor in load_tensors(blob).values())

@@ -1,11 +1,10 @@
-"""The networks on the CPU: what a few people change in a map, and two small convolutions."""
+"""The networks on the CPU: what a few people change in a map, and two small convolutions.
+
+NumPy and compiled kernels alone, so that whoever only acts needs no torch; gradients are here, too,
+and become operations of torch in ``lndrl.policy.gradients``.
+"""
 
 from lndrl.policy.sparse import cells, convolution, patches, rows, scan, structure
-from lndrl.policy.sparse.cells import cell_linear, train_cell_linear
-from lndrl.policy.sparse.convolution import convolve_patches, weight_at_points
-from lndrl.policy.sparse.products import linear
-from lndrl.policy.sparse.rows import convolve_pool, flat_weight
-from lndrl.policy.sparse.scan import scan_convolutions
 from lndrl.policy.sparse.structure import (
     LEVELS,
     STAND_IN,
@@ -26,15 +25,7 @@ __all__ = [
     "LEVELS",
     "STAND_IN",
     "MapStructure",
-    "cell_linear",
-    "convolve_patches",
-    "convolve_pool",
     "drawn_structure",
-    "flat_weight",
-    "linear",
     "map_structure",
-    "scan_convolutions",
     "stand_in_cells",
-    "train_cell_linear",
-    "weight_at_points",
 ]

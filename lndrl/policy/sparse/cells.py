@@ -1,4 +1,4 @@
-"""The linear layer over the cells of the last map, cell by cell, with gradients.
+"""The linear layer over the cells of the last map, cell by cell, and its gradients.
 
 Only rows that differ from the response to the empty map are multiplied, those of a cell together.
 """
@@ -6,15 +6,11 @@ Only rows that differ from the response to the empty map are multiplied, those o
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
-import torch
-from torch import Tensor
-from torch.autograd import Function
+import numpy as np
 
 from lndrl.kernels import kernel
-from lndrl.policy.sparse.products import gradient_part, times_part
-from lndrl.policy.sparse.rows import product
+from lndrl.policy.sparse.rows import Rows
 from lndrl.policy.sparse.structure import MapStructure
 
 
@@ -26,76 +22,59 @@ def _add_rows(rows, index, out):
             out[index[i], j] += rows[i, j]
 
 
-class CellProduct(Function):
-    """The linear layer over the cells of the last map: rows (B, C) -> (N, F).
-
-    weight (cells, F, C), bias (F,); ``empty`` (cells, C) is the whole last map of an empty map,
-    to which the rows are differences.
-    """
-
-    @staticmethod
-    def forward(
-        ctx: Any, rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
-    ) -> Tensor:
-        grouped = torch.cat((rows, empty))[torch.from_numpy(s.order)]
-        ctx.save_for_backward(grouped, weight)
-        ctx.structure = s
-        out = _multiply_cells(grouped, weight, s, 0)
-        return out[:-1] + (out[-1] + bias)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        (gradient,) = gradients
-        grouped, weight = ctx.saved_tensors
-        s: MapStructure = ctx.structure
-        total = gradient.sum(0)
-        by_row = torch.cat((gradient, total[None]))[torch.from_numpy(s.sample)]
-        by_weight = torch.empty_like(weight)
-        by_grouped = torch.empty_like(grouped)
-        for cell, (begin, end) in enumerate(_groups(s)):
-            part = slice(begin, end)
-            times_part(by_row, part, weight[cell], by_grouped)
-            gradient_part(by_row, grouped, part, by_weight[cell])
-        by_rows = torch.empty_like(by_grouped)
-        by_rows[torch.from_numpy(s.order)] = by_grouped
-        blocks = len(grouped) - len(s.cell_stand_in)
-        return by_rows[:blocks], by_rows[blocks:], by_weight, total, None
+def grouped(rows: Rows, empty: Rows, s: MapStructure) -> Rows:
+    """Rows (B, C) and those of the empty map (cells, C) in the order of ``s.order``."""
+    return np.concatenate((rows, empty)).take(s.order, axis=0)
 
 
-def cell_linear(rows: Tensor, weight: Tensor, base: Tensor, s: MapStructure) -> Tensor:
-    """CellProduct without gradients: ``base`` (F,) is the layer's response to the empty map."""
-    absent = rows.new_zeros(len(s.cell_stand_in), rows.shape[1])
-    grouped = torch.cat((rows, absent))[torch.from_numpy(s.order)]
-    return _multiply_cells(grouped, weight, s, 1)[:-1] + base
-
-
-def _multiply_cells(grouped: Tensor, weight: Tensor, s: MapStructure, skip: int) -> Tensor:
+def multiply_cells(in_order: Rows, weight: Rows, s: MapStructure, skip: int) -> Rows:
     """Sums by sample (N + 1, F) of rows in the order of ``s.order``, times their cell's weights.
 
-    The last row sums the empty responses. The first ``skip`` rows of each cell are left out.
+    weight (cells, C, F), contiguous or transposed. The last row sums the empty responses. The first
+    ``skip`` rows of each cell are left out.
     """
-    products = torch.zeros(len(grouped), weight.shape[1])
-    for cell, (begin, end) in enumerate(_groups(s)):
+    products = np.zeros((len(in_order), weight.shape[2]), np.float32)
+    for cell, (begin, end) in enumerate(groups(s)):
         if begin + skip < end:
             rows = slice(begin + skip, end)
-            if weight.dtype == torch.float32:
-                times_part(grouped, rows, weight[cell].t(), products)
-            else:
-                products[rows] = product(grouped[rows], weight[cell].t())
-    out = torch.zeros(s.samples + 1, weight.shape[1])
-    _add_rows(products.numpy(), s.sample, out.numpy())
+            np.dot(in_order[rows], weight[cell], out=products[rows])
+    return sums_by_sample(products, s)
+
+
+def sums_by_sample(products: Rows, s: MapStructure) -> Rows:
+    """Sums (N + 1, F) of products in the order of ``s.order``."""
+    out = np.zeros((s.samples + 1, products.shape[1]), np.float32)
+    _add_rows(products, s.sample, out)
     return out
 
 
-def _groups(s: MapStructure) -> list[tuple[int, int]]:
+def cell_linear(rows: Rows, weight: Rows, base: Rows, s: MapStructure) -> Rows:
+    """The layer over rows (B, C): (N, F).
+
+    weight (cells, C, F) as above; ``base`` (F,) is the layer's response to the empty map.
+    """
+    absent = np.zeros((len(s.cell_stand_in), rows.shape[1]), np.float32)
+    out = multiply_cells(grouped(rows, absent, s), weight, s, 1)[:-1]
+    return np.add(out, base, out=out)
+
+
+def gradients(gradient: Rows, in_order: Rows, weight: Rows, s: MapStructure) -> tuple[Rows, Rows]:
+    """By rows in the order of ``s.order`` and by weight, of ``multiply_cells`` without a skip.
+
+    ``gradient`` (N + 1, F) is that by its result; the weights are (cells, F, C) here.
+    """
+    by_row = gradient.take(s.sample, axis=0)
+    by_weight, by_rows = np.empty_like(weight), np.empty_like(in_order)
+    for cell, (begin, end) in enumerate(groups(s)):
+        part = slice(begin, end)
+        np.dot(by_row[part], weight[cell], out=by_rows[part])
+        np.dot(by_row[part].T, in_order[part], out=by_weight[cell])
+    return by_rows, by_weight
+
+
+def groups(s: MapStructure) -> list[tuple[int, int]]:
+    """Where in ``s.order`` each cell begins and ends."""
     return list(pairwise(s.starts.tolist()))
-
-
-def train_cell_linear(
-    rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
-) -> Tensor:
-    """The last linear layer with gradients; see CellProduct."""
-    return CellProduct.apply(rows, empty, weight, bias, s)
 
 
 KERNELS = (_add_rows,)

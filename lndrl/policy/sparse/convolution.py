@@ -1,4 +1,4 @@
-"""Convolutions of patches at points (see ``points``), with gradients.
+"""Convolutions of patches at points (see ``points``), and their gradients.
 
 A compiled kernel takes the patches to the points, one matrix product per point multiplies all
 patches of a batch that have it, another kernel takes the products back, adds the response to the
@@ -7,13 +7,12 @@ empty map and pools. Rows hold differences from that response, so that all aroun
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.autograd import Function
+from numpy.typing import NDArray
 
 from lndrl.kernels import kernel
 from lndrl.policy.sparse.patches import Patches
@@ -25,8 +24,7 @@ from lndrl.policy.sparse.points import (
     interpolation,
     kernel_evaluation,
 )
-from lndrl.policy.sparse.products import gradient_part, times_part
-from lndrl.policy.sparse.rows import NONE, spread_empty
+from lndrl.policy.sparse.rows import NONE, Rows
 
 if TYPE_CHECKING:
     from lndrl.policy.sparse.structure import Level
@@ -230,77 +228,68 @@ def _spread(
                 _combine(scratch, chosen, weights, high + 2, out, places[t, SIDE * i + j], False)
 
 
-class PatchConvolution(Function):
-    """Convolution, ReLU and pooling of rows (R, C) -> (B, O), all as differences.
+@dataclass(frozen=True)
+class Convolved:
+    """A convolution's result, and what its gradients need.
 
-    weight (POINTS, C, O), see ``weight_at_points``; the others as in ``rows.ConvolvePool``.
+    out float32 (B, O), the largest outputs of blocks after ReLU, as differences; winner uint8
+    (B, O), which output of the block that was; values float32 (places, C), the patches at their
+    points; live bool (R,), which rows are anything but zero.
     """
 
-    @staticmethod
-    def forward(
-        ctx: Any,
-        rows: Tensor,
-        weight: Tensor,
-        conv_empty: Tensor,
-        pool_empty: Tensor,
-        level: Level,
-    ) -> Tensor:
-        cut = level.patches
-        assert cut is not None
-        _, inputs, channels = weight.shape
-        values = torch.empty(int(cut.starts[-1]), inputs)
-        scratch = np.empty((LONGEST * SIDE, inputs), np.float32)
-        live = np.empty(len(rows), np.bool_)
-        _to_points(
-            rows.detach().numpy(), cut.rows, cut.sizes, cut.places, _EVALUATION, scratch,
-            values.numpy(), live,
-        )  # fmt: skip
-        products = torch.empty(len(values), channels)
-        for point, part in _points(cut):
-            times_part(values, part, weight[point], products)
-        blocks = len(level.stand_in)
-        out = torch.empty(blocks, channels)
-        winner = torch.empty(blocks, channels, dtype=torch.uint8)
-        most = int(np.diff(cut.block_ends, prepend=0).max(initial=0))
-        outputs = level.stand_in.shape[1] - 1
-        _pool(
-            products.numpy(), cut.rows, live, cut.sizes, cut.places, cut.targets, cut.ends,
-            cut.block_ends, _INTERPOLATION, level.stand_in, conv_empty.detach().numpy(),
-            pool_empty.detach().numpy(), np.empty((POINTS, channels), np.float32),
-            np.empty((outputs * most, channels), np.float32), out.numpy(), winner.numpy(),
-        )  # fmt: skip
-        ctx.save_for_backward(values, weight, winner)
-        ctx.level, ctx.live = level, live
-        ctx.shapes = conv_empty.shape, pool_empty.shape
-        return out
+    out: Rows
+    winner: NDArray[np.uint8]
+    values: Rows
+    live: NDArray[np.bool_]
 
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        values, weight, winner = ctx.saved_tensors
-        level: Level = ctx.level
-        cut = level.patches
-        assert cut is not None
-        by_block, by_winner = gradients[0].contiguous().numpy(), winner.numpy()
-        _, inputs, channels = weight.shape
-        by_products = torch.empty(len(values), channels)
-        plane, scratch = np.empty((2, POINTS, channels), np.float32)
-        _spread(
-            by_block, by_winner, cut.rows, ctx.live, cut.sizes, cut.places, cut.targets,
-            _INTERPOLATION, level.stand_in.shape[1] - 1, plane, scratch, by_products.numpy(),
-        )  # fmt: skip
-        conv_empty, pool_empty = (torch.zeros(shape) for shape in ctx.shapes)
-        spread_empty(by_block, by_winner, level.stand_in, conv_empty.numpy(), pool_empty.numpy())
-        by_weight, by_values = torch.zeros_like(weight), torch.empty_like(values)
-        for point, part in _points(cut):
-            gradient_part(values, by_products, part, by_weight[point])
-            times_part(by_products, part, weight[point].t(), by_values)
-        by_rows = torch.empty(len(ctx.live), inputs)
-        scratch = np.empty((LONGEST * SIDE, inputs), np.float32)
-        _to_rows(
-            by_values.numpy(), cut.rows, cut.sizes, cut.places, _EVALUATION, scratch,
-            by_rows.numpy(),
-        )  # fmt: skip
-        return by_rows, by_weight, conv_empty, pool_empty, None
+
+def convolve_patches(
+    rows: Rows, weight: Rows, conv_empty: Rows, pool_empty: Rows, level: Level
+) -> Convolved:
+    """Convolution, ReLU and pooling of rows (R, C), all as differences.
+
+    weight (POINTS, C, O), see ``weight_at_points``; the others as in ``rows.sum_and_pool``.
+    """
+    cut = level.patches
+    assert cut is not None
+    _, inputs, channels = weight.shape
+    values = np.empty((int(cut.starts[-1]), inputs), np.float32)
+    scratch, live = np.empty((LONGEST * SIDE, inputs), np.float32), np.empty(len(rows), np.bool_)
+    _to_points(rows, cut.rows, cut.sizes, cut.places, _EVALUATION, scratch, values, live)
+    products = np.empty((len(values), channels), np.float32)
+    for point, part in _points(cut):
+        np.dot(values[part], weight[point], out=products[part])
+    blocks, outputs = len(level.stand_in), level.stand_in.shape[1] - 1
+    out, winner = np.empty((blocks, channels), np.float32), np.empty((blocks, channels), np.uint8)
+    most = int(np.diff(cut.block_ends, prepend=0).max(initial=0))
+    _pool(
+        products, cut.rows, live, cut.sizes, cut.places, cut.targets, cut.ends, cut.block_ends,
+        _INTERPOLATION, level.stand_in, conv_empty, pool_empty,
+        np.empty((POINTS, channels), np.float32),
+        np.empty((outputs * most, channels), np.float32), out, winner,
+    )  # fmt: skip
+    return Convolved(out, winner, values, live)
+
+
+def gradients(gradient: Rows, done: Convolved, weight: Rows, level: Level) -> tuple[Rows, Rows]:
+    """The gradients of ``convolve_patches`` by its rows and weight, from that by its ``out``."""
+    cut = level.patches
+    assert cut is not None
+    _, inputs, channels = weight.shape
+    by_products = np.empty((len(done.values), channels), np.float32)
+    plane, scratch = np.empty((2, POINTS, channels), np.float32)
+    _spread(
+        gradient, done.winner, cut.rows, done.live, cut.sizes, cut.places, cut.targets,
+        _INTERPOLATION, level.stand_in.shape[1] - 1, plane, scratch, by_products,
+    )  # fmt: skip
+    by_weight, by_values = np.zeros_like(weight), np.empty_like(done.values)
+    for point, part in _points(cut):
+        np.dot(done.values[part].T, by_products[part], out=by_weight[point])
+        np.dot(by_products[part], weight[point].T, out=by_values[part])
+    by_rows = np.empty((len(done.live), inputs), np.float32)
+    scratch = np.empty((LONGEST * SIDE, inputs), np.float32)
+    _to_rows(by_values, cut.rows, cut.sizes, cut.places, _EVALUATION, scratch, by_rows)
+    return by_rows, by_weight
 
 
 def _points(cut: Patches) -> list[tuple[int, slice]]:
@@ -309,18 +298,11 @@ def _points(cut: Patches) -> list[tuple[int, slice]]:
     return [(point, slice(begin, end)) for point, (begin, end) in pairs if begin < end]
 
 
-def weight_at_points(weight: Tensor) -> Tensor:
-    """A kernel (O, C, 3, 3) as PatchConvolution multiplies it: (POINTS, C, O)."""
+def weight_at_points(weight: NDArray[np.float32]) -> Rows:
+    """A kernel (O, C, 3, 3) as patches are multiplied with it: (POINTS, C, O)."""
     outputs, inputs = weight.shape[:2]
-    taps = weight.permute(2, 3, 1, 0).reshape(9, inputs * outputs)
-    return (torch.from_numpy(kernel_evaluation()) @ taps).view(POINTS, inputs, outputs)
-
-
-def convolve_patches(
-    rows: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
-) -> Tensor:
-    """Convolution, ReLU and pooling of differences; see PatchConvolution."""
-    return PatchConvolution.apply(rows, weight, conv_empty, pool_empty, level)
+    taps = weight.transpose(2, 3, 1, 0).reshape(9, inputs * outputs)
+    return (kernel_evaluation() @ taps).reshape(POINTS, inputs, outputs)
 
 
 KERNELS = (_to_points, _pool)

@@ -1,19 +1,17 @@
-"""Convolutions evaluated row by row, with gradients; for few channels, and in bfloat16.
+"""Convolutions evaluated row by row: for few channels, and for products in bfloat16.
 
 Rows hold *differences* from the response to the empty map, so whatever lies beside them counts as
 zero. Each input row is multiplied once with all nine taps of the kernel, in one dense matrix
 product, and a compiled kernel sums the products under each output, adds the response to the empty
-map and pools. torch does the products and keeps the gradients.
+map and pools.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.autograd import Function
+from numpy.typing import NDArray
 
 from lndrl.kernels import kernel
 
@@ -21,6 +19,8 @@ if TYPE_CHECKING:
     from lndrl.policy.sparse.structure import Level
 
 NONE = 255  # of the pooled outputs none was above zero
+
+Rows = NDArray[np.float32]
 
 
 @kernel()
@@ -74,7 +74,7 @@ def _spread(gradient, winner, targets, outputs, out):
 
 
 @kernel()
-def spread_empty(gradient, winner, stand_in, conv_out, pool_out):
+def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
     """The gradient of ``_sum_and_pool`` by conv_empty and pool_empty."""
     outputs = stand_in.shape[1] - 1
     for b in range(gradient.shape[0]):
@@ -88,73 +88,43 @@ def spread_empty(gradient, winner, stand_in, conv_out, pool_out):
                     conv_out[place, j] += gradient[b, j]
 
 
-def product(rows: Tensor, weight: Tensor) -> Tensor:
-    """``rows @ weight`` in the type of the weights, as float32: the kernels know no other."""
-    return (rows.to(weight.dtype) @ weight).float()
+def sum_and_pool(
+    products: Rows, conv_empty: Rows, pool_empty: Rows, level: Level
+) -> tuple[Rows, NDArray[np.uint8]]:
+    """What products of rows (R, 9 * O) are after sums, ReLU and pooling, as differences (B, O).
 
-
-class ConvolvePool(Function):
-    """Convolution, ReLU and pooling of rows (R, C) -> (B, O), all as differences.
-
-    weight (C, 9 * O), see ``flat_weight``. conv_empty and pool_empty are the response to the
-    empty map, before and after ReLU and pooling, as rows of the stand-in.
+    conv_empty and pool_empty are the response to the empty map, before and after ReLU and pooling,
+    as rows of the stand-in. The second result is which output of each block was the largest.
     """
-
-    @staticmethod
-    def forward(
-        ctx: Any,
-        rows: Tensor,
-        weight: Tensor,
-        conv_empty: Tensor,
-        pool_empty: Tensor,
-        level: Level,
-    ) -> Tensor:
-        channels = weight.shape[1] // 9
-        products = product(rows, weight)
-        out = torch.empty(len(level.taps), channels)
-        winner = torch.empty(len(level.taps), channels, dtype=torch.uint8)
-        _sum_and_pool(
-            products.numpy(),
-            level.taps,
-            level.stand_in,
-            conv_empty.detach().numpy(),
-            pool_empty.detach().numpy(),
-            np.empty((level.stand_in.shape[1] - 1, channels), np.float32),
-            out.numpy(),
-            winner.numpy(),
-        )
-        ctx.save_for_backward(rows, weight, winner)
-        ctx.level = level
-        ctx.shapes = conv_empty.shape, pool_empty.shape
-        return out
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        (gradient,) = gradients
-        rows, weight, winner = ctx.saved_tensors
-        by_block, by_winner = gradient.contiguous().numpy(), winner.numpy()
-        spread = torch.empty(len(rows), weight.shape[1])
-        outputs = ctx.level.stand_in.shape[1] - 1
-        _spread(by_block, by_winner, ctx.level.targets, outputs, spread.numpy())
-        conv_empty, pool_empty = (torch.zeros(shape) for shape in ctx.shapes)
-        spread_empty(
-            by_block, by_winner, ctx.level.stand_in, conv_empty.numpy(), pool_empty.numpy()
-        )
-        by_rows = spread @ weight.t() if ctx.needs_input_grad[0] else None
-        return by_rows, rows.t() @ spread, conv_empty, pool_empty, None
+    blocks, channels = len(level.taps), products.shape[1] // 9
+    out, winner = np.empty((blocks, channels), np.float32), np.empty((blocks, channels), np.uint8)
+    sums = np.empty((level.stand_in.shape[1] - 1, channels), np.float32)
+    _sum_and_pool(
+        products, level.taps, level.stand_in, conv_empty, pool_empty, sums, out, winner
+    )  # fmt: skip
+    return out, winner
 
 
-def flat_weight(weight: Tensor) -> Tensor:
-    """A kernel (O, C, 3, 3) as ConvolvePool multiplies it: (C, 9 * O), tap by tap."""
+def spread(gradient: Rows, winner: NDArray[np.uint8], level: Level) -> Rows:
+    """The gradient of ``sum_and_pool`` by products (R, 9 * O), from that by its result."""
+    out = np.empty((len(level.targets), 9 * gradient.shape[1]), np.float32)
+    _spread(gradient, winner, level.targets, level.stand_in.shape[1] - 1, out)
+    return out
+
+
+def spread_empty(
+    gradient: Rows, winner: NDArray[np.uint8], level: Level, places: tuple[int, int]
+) -> tuple[Rows, Rows]:
+    """The gradients by conv_empty and pool_empty, which have so many rows."""
+    conv, pool = (np.zeros((n, gradient.shape[1]), np.float32) for n in places)
+    _spread_empty(gradient, winner, level.stand_in, conv, pool)
+    return conv, pool
+
+
+def flat_weight(weight: NDArray[np.float32]) -> Rows:
+    """A kernel (O, C, 3, 3) as rows are multiplied with it: (C, 9 * O), tap by tap."""
     outputs, inputs = weight.shape[:2]
-    return weight.permute(1, 2, 3, 0).reshape(inputs, 9 * outputs)
-
-
-def convolve_pool(
-    rows: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
-) -> Tensor:
-    """Convolution, ReLU and pooling of differences; see ConvolvePool."""
-    return ConvolvePool.apply(rows, weight, conv_empty, pool_empty, level)
+    return np.ascontiguousarray(weight.transpose(1, 2, 3, 0).reshape(inputs, 9 * outputs))
 
 
 KERNELS = (_sum_and_pool,)

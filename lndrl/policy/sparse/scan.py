@@ -7,18 +7,16 @@ leaves its output as the second one's windows, side by side; the second is one m
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
-import torch
-from torch import Tensor
-from torch.autograd import Function
+import numpy as np
+from numpy.typing import NDArray
 
 from lndrl.kernels import kernel
-from lndrl.policy.sparse.products import times
-from lndrl.policy.sparse.rows import product
+from lndrl.policy.sparse.rows import Rows
 
-_CHUNK = 16  # scans at a time, so that their windows stay in the cache
+CHUNK = 16  # scans at a time, so that their windows stay in the cache
 
 
 @kernel()
@@ -85,123 +83,79 @@ def windows_gradient(gradient, windows, scan, stride, step, hidden, weight, bias
                 bias[c] += hidden[i, c]
 
 
-class ScanConvolutions(Function):
-    """Conv1d, ReLU, Conv1d, ReLU, without padding: scan (N, beams) -> (N, C2 * L2).
+@dataclass(frozen=True)
+class ScanConvolutions:
+    """Two convolutions with ReLU and without padding, of scans (N, beams).
 
-    weight1 (C1, 1, K1), weight2 (C2, C1, K2), biases (C1,) and (C2,), strides of both.
+    weight1 (K1, C1), bias1 (C1,); weight2 (K2 * C1, C2), bias2 (C2,); strides of both. All
+    contiguous float32.
     """
 
-    @staticmethod
-    def forward(
-        ctx: Any,
-        scan: Tensor,
-        weight1: Tensor,
-        bias1: Tensor,
-        weight2: Tensor,
-        bias2: Tensor,
-        strides: tuple[int, int],
-    ) -> Tensor:
-        flat1, bias1 = weight1.detach()[:, 0].t().float().contiguous(), bias1.detach().float()
-        first = _First(flat1, bias1, *strides)
-        channels, inputs, kernel = weight2.shape
-        flat2 = weight2.detach().permute(2, 1, 0).reshape(kernel * inputs, channels)
-        hidden, windows = first.buffers(scan.shape[1], kernel)
-        out = torch.empty(len(scan), channels, windows.shape[1])
-        for begin in range(0, len(scan), _CHUNK):
-            part, into = scan[begin : begin + _CHUNK], out[begin : begin + _CHUNK]
-            seen = windows[: len(part)]
-            first.windows(part, hidden, seen)
-            multiply = times if flat2.dtype == torch.float32 else product
-            values = multiply(seen.view(-1, len(flat2)), flat2).add_(bias2)
-            _relu_by_channel(values.view(len(part), -1, channels).numpy(), into.numpy())
-        ctx.save_for_backward(scan, out, flat2)
-        ctx.first, ctx.kernel = first, kernel
-        return out.flatten(1)
+    weight1: Rows
+    bias1: Rows
+    weight2: Rows
+    bias2: Rows
+    strides: tuple[int, int]
 
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        scan, out, flat2 = ctx.saved_tensors
-        first: _First = ctx.first
-        gradient = gradients[0].contiguous().view_as(out)
+    def positions(self, beams: int) -> tuple[int, int]:
+        """How many outputs per channel the two convolutions have of a scan, (L1, L2)."""
+        first = (beams - len(self.weight1)) // self.strides[0] + 1
+        taps = len(self.weight2) // len(self.bias1)
+        return first, (first - taps) // self.strides[1] + 1
+
+    def by_position(self, scan: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(N, L2, C2): as the products come out."""
+        out = np.empty((len(scan), self.positions(scan.shape[1])[1], len(self.bias2)), np.float32)
+        for rows, seen in self._windows(scan):
+            values = out[rows].reshape(-1, len(self.bias2))
+            np.dot(seen, self.weight2, out=values)
+            values += self.bias2
+            np.maximum(values, 0.0, out=values)
+        return out
+
+    def by_channel(self, scan: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(N, C2, L2): as torch has it."""
+        out = np.empty((len(scan), len(self.bias2), self.positions(scan.shape[1])[1]), np.float32)
+        for rows, seen in self._windows(scan):
+            values = np.dot(seen, self.weight2)
+            values += self.bias2
+            _relu_by_channel(values.reshape(-1, out.shape[2], out.shape[1]), out[rows])
+        return out
+
+    def gradients(
+        self, gradient: NDArray[np.float32], out: NDArray[np.float32], scan: NDArray[np.float32]
+    ) -> tuple[Rows, Rows, Rows, Rows]:
+        """By weight1, bias1, weight2 and bias2, from that by ``out``, the result of by_channel."""
+        weight1, bias1 = np.zeros_like(self.weight1), np.zeros_like(self.bias1)
+        weight2, bias2 = np.zeros_like(self.weight2), np.zeros_like(self.bias2)
+        hidden = np.empty((self.positions(scan.shape[1])[0], len(bias1)), np.float32)
         # The windows are made again: twice the room in the cache is dearer than the arithmetic.
-        hidden, windows = first.buffers(scan.shape[1], ctx.kernel)
-        weight1, bias1 = torch.zeros_like(first.weight), torch.zeros_like(first.bias)
-        weight2, bias2 = torch.zeros_like(flat2), torch.zeros(out.shape[1])
-        for begin in range(0, len(scan), _CHUNK):
-            rows = slice(begin, begin + _CHUNK)
-            part = scan[rows]
-            seen = windows[: len(part)]
-            first.windows(part, hidden, seen)
-            values = torch.empty(len(part), out.shape[2], out.shape[1])
-            _relu_by_position(gradient[rows].numpy(), out[rows].numpy(), values.numpy())
-            values = values.view(-1, out.shape[1])
-            weight2 += times(seen.view(-1, len(flat2)).t(), values)
-            bias2 += values.sum(0)
-            by_window = times(values, flat2.t()).view_as(seen)
-            first.gradient(by_window, seen, part, hidden, weight1, bias1)
-        by_weight2 = weight2.view(ctx.kernel, -1, out.shape[1]).permute(2, 1, 0)
-        return None, weight1.t().unsqueeze(1), bias1, by_weight2, bias2, None
+        for rows, seen in self._windows(scan):
+            values = np.empty((len(out[rows]), out.shape[2], out.shape[1]), np.float32)
+            _relu_by_position(gradient[rows], out[rows], values)
+            flat = values.reshape(-1, len(bias2))
+            weight2 += np.dot(seen.T, flat)
+            bias2 += flat.sum(0)
+            shape = (len(values), -1, len(weight2))
+            by_window = np.dot(flat, self.weight2.T).reshape(shape)
+            windows = seen.reshape(shape)
+            windows_gradient(by_window, windows, scan[rows], *self.strides, hidden, weight1, bias1)
+        return weight1, bias1, weight2, bias2
+
+    def _windows(self, scan: NDArray[np.float32]) -> Iterator[tuple[slice, Rows]]:
+        """Rows of some scans, and what the second convolution reads of them.
+
+        That is (n * L2, K2 * C1), in memory that the next ones take.
+        """
+        first, second = self.positions(scan.shape[1])
+        hidden = np.empty((first, len(self.bias1)), np.float32)
+        room = np.empty((CHUNK, second, len(self.weight2)), np.float32)
+        for begin in range(0, len(scan), CHUNK):
+            part = scan[begin : begin + CHUNK]
+            seen = room[: len(part)]
+            _windows(part, self.weight1, self.bias1, *self.strides, hidden, seen)
+            yield slice(begin, begin + len(part)), seen.reshape(-1, len(self.weight2))
 
 
-@dataclass(frozen=True)
-class _First:
-    """The first convolution: weight (K1, C), bias (C,), its stride and the second one's."""
-
-    weight: Tensor
-    bias: Tensor
-    stride: int
-    step: int
-
-    def buffers(self, beams: int, kernel: int) -> tuple[Tensor, Tensor]:
-        """Scratch of one scan and room for the windows of _CHUNK scans."""
-        length = (beams - len(self.weight)) // self.stride + 1
-        windows = (length - kernel) // self.step + 1
-        channels = len(self.bias)
-        return torch.empty(length, channels), torch.empty(_CHUNK, windows, kernel * channels)
-
-    def windows(self, scan: Tensor, hidden: Tensor, out: Tensor) -> None:
-        _windows(
-            scan.numpy(),
-            self.weight.numpy(),
-            self.bias.numpy(),
-            self.stride,
-            self.step,
-            hidden.numpy(),
-            out.numpy(),
-        )
-
-    def gradient(
-        self,
-        by_window: Tensor,
-        windows: Tensor,
-        scan: Tensor,
-        hidden: Tensor,
-        weight: Tensor,
-        bias: Tensor,
-    ) -> None:
-        windows_gradient(
-            by_window.numpy(),
-            windows.numpy(),
-            scan.numpy(),
-            self.stride,
-            self.step,
-            hidden.numpy(),
-            weight.numpy(),
-            bias.numpy(),
-        )
-
-
-def scan_convolutions(
-    scan: Tensor,
-    weight1: Tensor,
-    bias1: Tensor,
-    weight2: Tensor,
-    bias2: Tensor,
-    strides: tuple[int, int],
-) -> Tensor:
-    """Both convolutions of the scan encoder; see ScanConvolutions."""
-    return ScanConvolutions.apply(scan, weight1, bias1, weight2, bias2, strides)
-
-
-KERNELS = (_windows, _relu_by_channel)
+KERNELS = (_windows,)
 """What acting calls from Python."""

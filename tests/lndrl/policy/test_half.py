@@ -22,7 +22,7 @@ from lndrl.policy.shipped import (
     parameters_in,
     widened,
 )
-from lndrl.policy.weights import to_bytes
+from lndrl.policy.tensors import to_bytes
 
 ROOT = Path(__file__).resolve().parents[3]
 SHIPPED_PARAMETERS = 7_615_804 + 2 * 512

@@ -24,7 +24,7 @@ from lndrl.policy import (
     supports_sparse,
     to_bytes,
 )
-from lndrl.policy.acting import DevicePolicy
+from lndrl.policy.acting.remote import DevicePolicy
 
 Write = Callable[..., str]
 SCENARIO = {
@@ -128,7 +128,9 @@ def test_it_acts_like_any_other(own_module: Write, bfloat16: bool) -> None:
     seen = observation(config)
     first = runner.log_probabilities(seen)
     np.testing.assert_allclose(np.exp(first).sum(axis=1), 1.0, rtol=1e-3)
-    on_device = DevicePolicy(runner.network, config)  # as on a GPU, which draws the maps itself
+    # As on a GPU, which draws the maps itself.
+    on_device = DevicePolicy(build_policy(config), config)
+    on_device.load(initial_weights(config))
     tolerance = 0.05 if bfloat16 else 1e-5
     np.testing.assert_allclose(on_device.log_probabilities(seen), first, atol=tolerance)
 

@@ -23,6 +23,7 @@ from lndrl.policy import (
     PolicyRunner,
     build_policy,
     initial_weights,
+    load_into,
     policy_metadata,
     to_bytes,
 )
@@ -130,8 +131,11 @@ Made = tuple[onnxruntime.InferenceSession, dict[str, np.ndarray]]
 def made() -> Made:
     """An exported policy and what it reads where somebody is in view."""
     config = made_config()
-    runner = runner_of(config, weights_of(config))
-    session = open_session(to_onnx(config, runner.network, "here").SerializeToString())
+    weights = weights_of(config)
+    network = build_policy(config)
+    load_into(network, weights)
+    session = open_session(to_onnx(config, network, "here").SerializeToString())
+    runner = runner_of(config, weights)
     met = observations_met(runner, FEW, seed=1)
     return session, feeds_for(met.take(met.pedestrian_count > 0), config)
 
@@ -188,8 +192,10 @@ def test_first_weights_pass_too() -> None:
 def test_the_temperature_that_it_is_meant_for_is_inside() -> None:
     config = made_config()
     said = {**policy_metadata(config, 7, 1234), TEMPERATURE_KEY: "0.25"}
-    runner = runner_of(config, weights_of(config))
-    exported = export_policy(config, to_bytes(runner.network, said), "here", FEW, timed=0.01)
+    network = build_policy(config)
+    load_into(network, weights_of(config))
+    runner = runner_of(config, to_bytes(network))
+    exported = export_policy(config, to_bytes(network, said), "here", FEW, timed=0.01)
     assert exported.trip.holds and exported.trip.difference < 1e-4
     met = observations_met(runner, FEW, seed=3)
     (answer,) = open_session(exported.model).run(None, feeds_for(met, config))

@@ -1,4 +1,4 @@
-"""Matrix products in float32 on the CPU, by whichever of torch's two libraries is faster there.
+"""Dense layers in float32 on the CPU, by whichever of torch's two libraries is faster there.
 
 torch multiplies matrices by MKL, which on processors of AMD does without AVX-512: oneDNN, which
 torch brings for its compiled models, is twice as fast there with AVX-512 and 15 % faster with AVX2.
@@ -18,48 +18,6 @@ from lndrl.machine.processor import vendor
 
 _LEAST = 2**20
 """Multiplications of a product below which oneDNN takes longer to begin than it saves."""
-_ROUND = 16
-"""Rows of a product of parts are a multiple of this, see ``_rounded``."""
-
-
-def times(rows: Tensor, weight: Tensor) -> Tensor:
-    """rows (M, K) @ weight (K, N), contiguous or transposed."""
-    if _is_faster(rows, weight.shape[1]):
-        return _by_onednn(rows, weight.t())
-    return torch.mm(rows, weight)
-
-
-def times_part(rows: Tensor, part: slice, weight: Tensor, out: Tensor) -> None:
-    """out[part] = rows[part] @ weight, of rows (R, K) and out (R, N)."""
-    if not _is_faster(rows[part], weight.shape[1]):
-        torch.mm(rows[part], weight, out=out[part])
-        return
-    taken, inside = _rounded(part, len(rows))
-    out[part] = _by_onednn(rows[taken], weight.t())[inside]
-
-
-def gradient_part(rows: Tensor, gradient: Tensor, part: slice, out: Tensor) -> None:
-    """out (K, N) = rows[part].T @ gradient[part], of rows (R, K) and gradient (R, N)."""
-    if not _is_faster(rows[part].t(), gradient.shape[1]):
-        torch.mm(rows[part].t(), gradient[part], out=out)
-        return
-    taken, inside = _rounded(part, len(rows))
-    alone = rows.new_zeros(taken.stop - taken.start, rows.shape[1])
-    alone[inside] = rows[part]
-    out.copy_(_by_onednn(alone.t(), gradient[taken].t()))
-
-
-def _rounded(part: slice, length: int) -> tuple[slice, slice]:
-    """``part`` of ``length`` rows and some beside it, and where it lies among those.
-
-    oneDNN compiles a program for every number of rows and keeps a thousand. Patches and cells have
-    another number each time: in steps of ``_ROUND`` they are few.
-    """
-    count = part.stop - part.start
-    taken = min(-(-count // _ROUND) * _ROUND, length)
-    first = min(part.start, length - taken)
-    inside = slice(part.start - first, part.start - first + count)
-    return slice(first, first + taken), inside
 
 
 def linear(layer: nn.Linear, x: Tensor) -> Tensor:
@@ -83,8 +41,15 @@ class _Linear(Function):
     def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
         x, weight = ctx.saved_tensors
         gradient = gradients[0].contiguous()
-        by_x = times(gradient, weight) if ctx.needs_input_grad[0] else None
-        return by_x, times(gradient.t(), x), gradient.sum(0)
+        by_x = _times(gradient, weight) if ctx.needs_input_grad[0] else None
+        return by_x, _times(gradient.t(), x), gradient.sum(0)
+
+
+def _times(rows: Tensor, weight: Tensor) -> Tensor:
+    """rows (M, K) @ weight (K, N), contiguous or transposed."""
+    if _is_faster(rows, weight.shape[1]):
+        return _by_onednn(rows, weight.t())
+    return torch.mm(rows, weight)
 
 
 def _is_faster(rows: Tensor, outputs: int) -> bool:

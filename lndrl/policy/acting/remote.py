@@ -13,10 +13,13 @@ from torch import Tensor
 
 from lndrl.config import RunConfig
 from lndrl.navigation import Observation
+from lndrl.policy.acting.runner import Policy, local_policy
 from lndrl.policy.compact import CompactObservation
+from lndrl.policy.device import resolve_device
 from lndrl.policy.graphs import EAGER_RUNS, Record, record_cuda_graph
 from lndrl.policy.inputs import Inputs
-from lndrl.policy.networks import Network
+from lndrl.policy.networks import Network, build_policy
+from lndrl.policy.tensors import load_into
 
 _MOST_BATCHES = 4  # sizes that have memory of their own; the oldest makes room
 
@@ -45,7 +48,7 @@ class DevicePolicy:
         precision: torch.dtype = torch.float32,
         record: Record | None = None,
     ) -> None:
-        self._network = network
+        self.network = network
         self._config = config
         self._device = next(network.parameters()).device
         self._precision = precision
@@ -53,6 +56,10 @@ class DevicePolicy:
             record = partial(record_cuda_graph, torch.cuda.Stream(self._device))
         self._record = record
         self._batches: dict[int, _Batch] = {}
+
+    def load(self, blob: bytes) -> None:
+        """See ``PolicyRunner``."""
+        load_into(self.network, blob, config=self._config)
 
     def log_probabilities(self, observation: Observation) -> NDArray[np.float32]:
         """Log-probabilities (B, actions) for observations (B,)."""
@@ -73,7 +80,7 @@ class DevicePolicy:
         kind = self._device.type
         lower = self._precision != torch.float32
         with torch.autocast(kind, self._precision, enabled=lower, cache_enabled=False):
-            logits = self._network(Inputs(*batch.seen.expand(self._config.task)))
+            logits = self.network(Inputs(*batch.seen.expand(self._config.task)))
         batch.answer.copy_(torch.log_softmax(logits.float(), dim=1))
 
     def _batch(self, observation: Observation) -> _Batch:
@@ -82,7 +89,16 @@ class DevicePolicy:
             if len(self._batches) >= _MOST_BATCHES:
                 del self._batches[next(iter(self._batches))]
             seen = CompactObservation.view(Observation.zeros_for(size, self._config))
-            outputs = self._network.outputs
+            outputs = self.network.outputs
             answer = torch.empty(size, outputs, device=self._device)
             self._batches[size] = _Batch(seen.to(self._device), answer)
         return self._batches[size]
+
+
+def policy_on(device: str, config: RunConfig, bfloat16: bool = False) -> Policy:
+    """The policy of ``config`` on ``device``; raises UserError when that is not there."""
+    place = resolve_device(device)
+    if place.type == "cpu":
+        return local_policy(config, bfloat16)
+    network = build_policy(config, initialize=False).to(place).requires_grad_(False).eval()
+    return DevicePolicy(network, config, torch.bfloat16 if bfloat16 else torch.float32)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from lndrl.policy import PolicyRunner, initial_weights
-from lndrl.policy.acting import DevicePolicy
+from lndrl.policy import PolicyRunner, build_policy, initial_weights, to_bytes
+from lndrl.policy.acting.remote import DevicePolicy
 from tests.lndrl.policy.test_networks import make_config, random_observation
 
 CONFIG = make_config(map_channels=(4, 4, 4), features=16, goal_features=4)
@@ -26,10 +26,12 @@ class Recorder:
 
 def test_every_call_sees_its_own_observations_and_weights() -> None:
     runner, recorder = PolicyRunner(CONFIG), Recorder()
-    policy = DevicePolicy(runner.network, CONFIG, record=recorder)
+    policy = DevicePolicy(build_policy(CONFIG), CONFIG, record=recorder)
+    runner.load(to_bytes(policy.network))
     for seed in range(8):
         if seed == 5:
-            runner.load(initial_weights(CONFIG.model_copy(update={"seed": 2})))
+            for each in (runner, policy):
+                each.load(initial_weights(CONFIG.model_copy(update={"seed": 2})))
         observation = random_observation(np.random.default_rng(seed), 6, 2.0)
         answer = policy.log_probabilities(observation)
         np.testing.assert_allclose(
@@ -40,7 +42,7 @@ def test_every_call_sees_its_own_observations_and_weights() -> None:
 
 def test_an_answer_outlives_the_next_call_and_sizes_come_and_go() -> None:
     recorder = Recorder()
-    policy = DevicePolicy(PolicyRunner(CONFIG).network, CONFIG, record=recorder)
+    policy = DevicePolicy(build_policy(CONFIG), CONFIG, record=recorder)
     first_seen = random_observation(np.random.default_rng(0), 3, 2.0)
     first = policy.log_probabilities(first_seen)
     kept = first.copy()

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.nn import functional as F  # noqa: N812  (torch's own convention)
 
-from lndrl.policy.sparse import scan_convolutions
+from lndrl.policy.gradients import scan_convolutions
 
 
 @pytest.mark.parametrize(("beams", "strides"), [(720, (3, 2)), (107, (3, 2)), (64, (1, 1))])

@@ -6,16 +6,16 @@ import pytest
 import torch
 from torch import nn
 
-from lndrl.policy.sparse import products
-from lndrl.policy.sparse.products import gradient_part, linear, times, times_part
+from lndrl.policy.gradients import dense
+from lndrl.policy.gradients.dense import _times, linear
 
 
 @pytest.fixture(params=[False, True], autouse=True)
 def onednn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Without oneDNN, and with it on any processor and for products of any size."""
     used = bool(request.param)
-    monkeypatch.setattr(products, "has_onednn", lambda: used)
-    monkeypatch.setattr(products, "_LEAST", 0)
+    monkeypatch.setattr(dense, "has_onednn", lambda: used)
+    monkeypatch.setattr(dense, "_LEAST", 0)
     return used
 
 
@@ -26,29 +26,7 @@ def test_products_are_products(rows: int, inner: int, columns: int, transposed: 
     a = torch.randn(inner, rows).t() if transposed else torch.randn(rows, inner)
     b = torch.randn(columns, inner).t() if transposed else torch.randn(inner, columns)
     exact = (a.double() @ b.double()).float()
-    torch.testing.assert_close(times(a, b), exact, rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize("part", [(0, 1), (0, 16), (3, 20), (30, 40), (39, 40), (0, 40)])
-def test_products_of_a_part_are_of_that_part_alone(part: tuple[int, int]) -> None:
-    """Neighbours may be multiplied, too: nothing of it shows."""
-    torch.manual_seed(2)
-    rows, gradient, weight = torch.randn(40, 24), torch.randn(40, 9), torch.randn(24, 9)
-    chosen = slice(*part)
-    out = torch.full((40, 9), 7.0)
-    times_part(rows, chosen, weight, out)
-    torch.testing.assert_close(out[chosen], rows[chosen] @ weight, rtol=1e-5, atol=1e-5)
-    assert (out[: part[0]] == 7.0).all() and (out[part[1] :] == 7.0).all()
-    found = torch.empty(24, 9)
-    gradient_part(rows, gradient, chosen, found)
-    exact = rows[chosen].t() @ gradient[chosen]
-    torch.testing.assert_close(found, exact, rtol=1e-5, atol=1e-5)
-
-
-def test_sizes_are_few() -> None:
-    """Each would be compiled, and a thousand are kept."""
-    taken = [products._rounded(slice(5, 5 + n), 1000)[0] for n in range(1, 321)]
-    assert len({each.stop - each.start for each in taken}) == 20
+    torch.testing.assert_close(_times(a, b), exact, rtol=1e-5, atol=1e-5)
 
 
 def test_a_layer_and_its_gradients() -> None:
@@ -72,15 +50,15 @@ def test_other_types_and_shapes_are_left_to_torch() -> None:
 
 
 def test_small_products_are_not_worth_the_call(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(products, "_LEAST", 1000)
+    monkeypatch.setattr(dense, "_LEAST", 1000)
     asked: list[bool] = []
 
     def has_onednn() -> bool:
         asked.append(True)
         return False
 
-    monkeypatch.setattr(products, "has_onednn", has_onednn)
-    times(torch.ones(9, 10), torch.ones(10, 11))
+    monkeypatch.setattr(dense, "has_onednn", has_onednn)
+    _times(torch.ones(9, 10), torch.ones(10, 11))
     assert not asked
-    times(torch.ones(10, 10), torch.ones(10, 11))
+    _times(torch.ones(10, 10), torch.ones(10, 11))
     assert asked

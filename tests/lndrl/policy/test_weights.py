@@ -1,17 +1,14 @@
-"""Acting and weights in and out."""
+"""Weights in and out."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-import torch
 
 from lndrl.errors import UserError
 from lndrl.policy import (
-    PolicyRunner,
     build_policy,
     initial_weights,
     load_into,
@@ -21,67 +18,12 @@ from lndrl.policy import (
     to_bytes,
 )
 from tests.lndrl.policy.built_in import built_in
-from tests.lndrl.policy.test_networks import make_config, random_observation
+from tests.lndrl.policy.test_networks import make_config
 
 CONFIG = make_config(map_channels=(4, 4, 4), features=16, goal_features=4)
 
 
-def runner() -> PolicyRunner:
-    made = PolicyRunner(CONFIG)
-    made.load(initial_weights(CONFIG))
-    return made
-
-
-def test_sampled_actions_follow_the_probabilities() -> None:
-    policy = runner()
-    observation = random_observation(np.random.default_rng(0), 1, 1.0)
-    # Far from uniform, or a wrong sampler would pass.
-    head = built_in(policy.network).head
-    head.bias[:] = 0.0
-    head.bias[3], head.bias[20] = 3.0, 2.0
-    probabilities = np.exp(policy.log_probabilities(observation))[0]
-    repeated = observation.take(np.zeros(4000, int))
-    action, log_prob = policy.act(repeated, np.random.default_rng(1))
-    counts = np.bincount(action, minlength=28) / len(action)
-    # Four standard deviations of a share near a half: 4 * sqrt(0.25 / 4000).
-    assert np.abs(counts - probabilities).max() < 0.032
-    np.testing.assert_allclose(log_prob, np.log(probabilities[action]), rtol=1e-4, atol=1e-5)
-
-
-def test_greedy_takes_the_likeliest_and_seeds_repeat() -> None:
-    policy = runner()
-    observation = random_observation(np.random.default_rng(0), 32, 1.0)
-    greedy, log_prob = policy.act(observation, np.random.default_rng(0), greedy=True)
-    table = policy.log_probabilities(observation)
-    np.testing.assert_array_equal(greedy, table.argmax(1))
-    np.testing.assert_allclose(log_prob, table.max(1), rtol=1e-5)
-    first = policy.act(observation, np.random.default_rng(5))[0]
-    np.testing.assert_array_equal(first, policy.act(observation, np.random.default_rng(5))[0])
-
-
-def test_bfloat16_is_the_same_policy_within_its_digits() -> None:
-    exact, coarse = runner(), PolicyRunner(CONFIG, bfloat16=True)
-    coarse.load(initial_weights(CONFIG))
-    for policy in (exact, coarse):
-        built_in(policy.network).head.weight.normal_(generator=torch.Generator().manual_seed(0))
-        policy._freeze()
-    observation = random_observation(np.random.default_rng(0), 32, 2.0)
-    difference = exact.log_probabilities(observation) - coarse.log_probabilities(observation)
-    # Products of eight bits each: 2^-8 of logits that differ by about ten.
-    assert 0.0 < np.abs(difference).max() < 0.1
-
-
-def test_weights_of_another_network_are_refused_by_name() -> None:
-    other = make_config(map_channels=(4, 4, 4), features=24, goal_features=4)
-    with pytest.raises(UserError, match=r"linear.*another network"):
-        PolicyRunner(CONFIG).load(initial_weights(other))
-    with pytest.raises(UserError, match="not a safetensors file"):
-        PolicyRunner(CONFIG).load(b"nonsense")
-
-
 def test_weights_that_are_not_finite_are_refused() -> None:
-    from lndrl.policy import to_bytes
-
     network = built_in(build_policy(CONFIG))
     network.head.weight.data[0, 0] = float("nan")
     with pytest.raises(UserError, match=r"head\.weight.*not finite"):

@@ -1,0 +1,107 @@
+"""Convolutions of differences from the empty map: of patches at points, and row by row."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd import Function
+
+from lndrl.policy.sparse import convolution, rows
+from lndrl.policy.sparse.points import POINTS, kernel_evaluation
+from lndrl.policy.sparse.structure import Level
+
+
+def product(values: Tensor, weight: Tensor) -> Tensor:
+    """``values @ weight`` in the type of the weights, as float32: the kernels know no other."""
+    return (values.to(weight.dtype) @ weight).float()
+
+
+class _PatchConvolution(Function):
+    """``sparse.convolution.convolve_patches``; all but the level are tensors."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        values: Tensor,
+        weight: Tensor,
+        conv_empty: Tensor,
+        pool_empty: Tensor,
+        level: Level,
+    ) -> Tensor:
+        v, w, conv, pool = (t.detach().numpy() for t in (values, weight, conv_empty, pool_empty))
+        ctx.done = convolution.convolve_patches(v, w, conv, pool, level)
+        ctx.save_for_backward(weight)
+        ctx.level, ctx.places = level, (len(conv_empty), len(pool_empty))
+        return torch.from_numpy(ctx.done.out)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
+        gradient = gradients[0].contiguous().numpy()
+        (weight,) = ctx.saved_tensors
+        by_parts = convolution.gradients(gradient, ctx.done, weight.numpy(), ctx.level)
+        by_empty = rows.spread_empty(gradient, ctx.done.winner, ctx.level, ctx.places)
+        return *(torch.from_numpy(each) for each in (*by_parts, *by_empty)), None
+
+
+class _RowConvolution(Function):
+    """``sparse.rows.sum_and_pool`` of the products of rows (R, C) and weight (C, 9 * O)."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        values: Tensor,
+        weight: Tensor,
+        conv_empty: Tensor,
+        pool_empty: Tensor,
+        level: Level,
+    ) -> Tensor:
+        products = product(values, weight).numpy()
+        conv, pool = conv_empty.detach().numpy(), pool_empty.detach().numpy()
+        out, ctx.winner = rows.sum_and_pool(products, conv, pool, level)
+        ctx.save_for_backward(values, weight)
+        ctx.level, ctx.places = level, (len(conv_empty), len(pool_empty))
+        return torch.from_numpy(out)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
+        gradient = gradients[0].contiguous().numpy()
+        values, weight = ctx.saved_tensors
+        by_products = torch.from_numpy(rows.spread(gradient, ctx.winner, ctx.level))
+        by_empty = rows.spread_empty(gradient, ctx.winner, ctx.level, ctx.places)
+        by_values = by_products @ weight.t() if ctx.needs_input_grad[0] else None
+        by_weight = values.t() @ by_products
+        return by_values, by_weight, *(torch.from_numpy(each) for each in by_empty), None
+
+
+def convolve_patches(
+    values: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
+) -> Tensor:
+    """Convolution, ReLU and pooling of differences (R, C) -> (B, O).
+
+    weight as ``weight_at_points`` has it, the empty responses as in ``sparse.rows.sum_and_pool``.
+    """
+    found: Tensor = _PatchConvolution.apply(values, weight, conv_empty, pool_empty, level)
+    return found
+
+
+def convolve_pool(
+    values: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
+) -> Tensor:
+    """The same row by row; weight as ``flat_weight`` has it, in float32 or bfloat16."""
+    found: Tensor = _RowConvolution.apply(values, weight, conv_empty, pool_empty, level)
+    return found
+
+
+def flat_weight(weight: Tensor) -> Tensor:
+    """See ``sparse.rows.flat_weight``."""
+    outputs, inputs = weight.shape[:2]
+    return weight.permute(1, 2, 3, 0).reshape(inputs, 9 * outputs)
+
+
+def weight_at_points(weight: Tensor) -> Tensor:
+    """See ``sparse.convolution.weight_at_points``."""
+    outputs, inputs = weight.shape[:2]
+    taps = weight.permute(2, 3, 1, 0).reshape(9, inputs * outputs)
+    return (torch.from_numpy(kernel_evaluation()) @ taps).view(POINTS, inputs, outputs)
