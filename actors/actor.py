@@ -20,6 +20,7 @@ from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
 from lndrl import kernels
 from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
+from lndrl.machine.memory import return_what_is_free
 from lndrl.machine.threads import set_threads
 from lndrl.transport import (
     NO_WEIGHTS,
@@ -168,6 +169,7 @@ class Actor:
                 rollout = Rollout(config, index, worlds, first_episode, self._device, self.laps)
             if self._alone:
                 set_threads(config.actor.threads)
+                return_what_is_free()  # compiling and trying took tens of megabytes
             self.rollout, self._weights_from = rollout, ""
             self.laps.restart()  # building worlds and compiling is no part of any chunk
         self._on_event(
@@ -268,11 +270,16 @@ class Actor:
         except TimeoutError:
             return not lockstep and self._weights_from == learner
         else:
-            rollout.load(version, blob)
+            self._load(rollout, version, blob)
         finally:
             self.laps.lap("fetch")
         self._weights_from = learner
         return True
+
+    def _load(self, rollout: Rollout, version: int, blob: bytes) -> None:
+        rollout.load(version, blob)
+        if self._alone:  # where the blob's pieces lay as they came, for which there are threads
+            return_what_is_free()
 
     def _take_fetched(self, rollout: Rollout, learner: str) -> None:
         """Load newer weights of the same learner if they are here, else see that they come."""
@@ -282,7 +289,7 @@ class Actor:
         if fetched is None:
             self._fetcher.begin(learner)
         else:
-            rollout.load(*fetched)
+            self._load(rollout, *fetched)
         self.laps.lap("fetch")
 
     def _fetch_ahead(self) -> None:

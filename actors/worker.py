@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lndrl.machine.cores import THREAD_VARIABLES
+from lndrl.machine.memory import return_large_blocks
 from lndrl.machine.signals import stop_handler, unblock
 from lndrl.machine.threads import use_wide_products
 
@@ -90,6 +91,7 @@ def main(options: WorkerOptions, channel: Connection) -> None:
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
     use_wide_products()
+    return_large_blocks()
     stop = threading.Event()
     with stop_handler(lambda *_: stop.set()):
         # The fleet spawns with these blocked, so that none arrives before there is a handler.

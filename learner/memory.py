@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
-import sys
 import time
 from collections.abc import Callable
 
-_M_TRIM_THRESHOLD = -1
-_M_TOP_PAD = -2
-_M_MMAP_MAX = -4
+from lndrl.machine.memory import MMAP_MAX, TOP_PAD, TRIM_THRESHOLD, glibc
 
 _HEAP = 64 * 2**20
 """Bytes of the pieces that arenas of threads are made of; a pad as large keeps an empty one."""
@@ -27,12 +23,12 @@ def keep_freed_memory() -> bool:
     comes fresh from the kernel, and a third of the time goes into page faults. Returns whether
     the setting took; other C libraries are left alone.
     """
-    library = _glibc()
+    library = glibc()
     if library is None:
         return False
     # Not one arena for all: what zenoh's threads leave behind would lie among the activations,
     # which touch it again as soon as it was given back.
-    settings = ((_M_MMAP_MAX, 0), (_M_TRIM_THRESHOLD, -1), (_M_TOP_PAD, _HEAP))
+    settings = ((MMAP_MAX, 0), (TRIM_THRESHOLD, -1), (TOP_PAD, _HEAP))
     return all([bool(library.mallopt(option, value)) for option, value in settings])
 
 
@@ -43,12 +39,12 @@ def return_freed_memory(each_thread: EachThread | None = None) -> bool:
     thread's own arena goes back only where that thread frees something. Takes milliseconds, and
     the next update's page faults once.
     """
-    library = _glibc()
+    library = glibc()
     if library is None:
         return False
     if each_thread is not None:
-        library.mallopt(_M_TRIM_THRESHOLD, 0)
-        library.mallopt(_M_TOP_PAD, 0)
+        library.mallopt(TRIM_THRESHOLD, 0)
+        library.mallopt(TOP_PAD, 0)
         try:
             each_thread(lambda: library.free(library.malloc(_ENOUGH)))
         finally:
@@ -81,15 +77,3 @@ class MemoryTide:
             return False
         self._last = self._clock()
         return return_freed_memory(self._each_thread)
-
-
-def _glibc() -> ctypes.CDLL | None:
-    if not sys.platform.startswith("linux"):
-        return None
-    try:
-        library = ctypes.CDLL("libc.so.6")
-        library.malloc.argtypes, library.malloc.restype = [ctypes.c_size_t], ctypes.c_void_p
-        library.free.argtypes, library.free.restype = [ctypes.c_void_p], None
-        return library if library.mallopt and library.malloc_trim else None
-    except (OSError, AttributeError):
-        return None

@@ -34,6 +34,7 @@ BENCHMARKS = {
     "learner": "forward and backward of both nets",
     "transport": "acknowledged uploads over zenoh, actor in another process",
     "train": "whole training, learner and actors",
+    "memory": "resident memory of actor and learner in MB, by part and in a training",
     "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }
 """Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""
@@ -42,7 +43,7 @@ COMPARED = ("laser", "crowd", "amcl", "world", "train")
 returns ``{peer: {key: figure}}`` of the same work in the same run."""
 ON_DEVICES = ("policy", "learner", "train")
 """These take a ``device``: ``measure(seconds, device)``."""
-ADJUSTED = ("world", "policy", "learner", "train")
+ADJUSTED = ("world", "policy", "learner", "train", "memory")
 """These can be measured under other settings than their own."""
 
 REPETITIONS = 5

@@ -72,7 +72,7 @@ def _run(seconds: float, device: str) -> tuple[Rows, float]:
 
     def done(rows: Rows) -> bool:
         nonlocal megabytes
-        megabytes = max(megabytes, training.largest_actor())
+        megabytes = max(megabytes, training.megabytes()[1])
         if len(rows) < WARM_UPDATES + _LEAST_UPDATES:
             return False
         return span(rows[WARM_UPDATES - 1 :]) >= 12.0 * seconds

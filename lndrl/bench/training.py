@@ -15,6 +15,7 @@ from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.errors import UserError
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.evaluation.sweep.processes import RealProcess, this_program
+from lndrl.machine.memory import resident_megabytes
 from lndrl.machine.ports import free_port
 
 CONFIG = REPOSITORY_CONFIGS / "reward_alone.yaml"
@@ -91,9 +92,11 @@ class Training:
         if self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGCONT)
 
-    def largest_actor(self) -> float:
-        """Resident memory of the actor that has most of it, in MB (2^20 bytes)."""
-        return max([0.0, *(_resident(pid) for pid in _children(self._process.pid))])
+    def megabytes(self) -> tuple[float, float]:
+        """Resident memory of the learner and of the actor that has most, in MB (2^20 bytes)."""
+        pid = self._process.pid
+        actors = [resident_megabytes(child) for child in _children(pid)]
+        return resident_megabytes(pid), max([0.0, *actors])
 
 
 def span(rows: Rows) -> float:
@@ -107,13 +110,3 @@ def _children(pid: int) -> list[int]:
     except OSError:
         return []
     return [int(child) for child in text.split()]
-
-
-def _resident(pid: int) -> float:
-    try:
-        for line in Path(f"/proc/{pid}/status").read_text("utf-8").splitlines():
-            if line.startswith("VmRSS:"):
-                return float(line.split()[1]) / 1024.0
-    except OSError:
-        return 0.0
-    return 0.0

@@ -16,7 +16,7 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, transport, train, "
-            "tls, or all"
+            "memory, tls, or all"
         ),
     ],
     peers: Annotated[
@@ -49,7 +49,9 @@ def bench(
     rounds: Annotated[int, typer.Option(min=1, help="turns of each build with --vs")] = 3,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="world, policy, learner, train: also so"),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="world, policy, learner, train, memory: also so"
+        ),
     ] = None,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""

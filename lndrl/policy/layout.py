@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from lndrl.config import RunConfig, parse_config
 from lndrl.errors import UserError
 from lndrl.extensions import PartSettings
+from lndrl.policy.blob import metadata_in
 
 CONFIG_KEY = "lndrl.config"
 """Entry of a policy file's metadata that holds the configuration it was trained under, as JSON."""
@@ -88,20 +89,10 @@ def _sentence(where: str, difference: tuple[str, str], whose: str) -> str:
     return f"{where}: trained with {difference[0]}; {whose} has {difference[1]}"
 
 
-def said_inside(blob: bytes) -> dict[str, str]:
-    """The metadata in the head of a safetensors blob: its length in 8 bytes, then JSON.
-
-    Raises ValueError, KeyError or TypeError where there is none.
-    """
-    head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
-    said: dict[str, str] = head["__metadata__"]
-    return said
-
-
 def _config_inside(blob: bytes) -> RunConfig | None:
     """The configuration in the head of a safetensors blob."""
     try:
-        return parse_config(json.loads(said_inside(blob)[CONFIG_KEY]), "weights")
+        return parse_config(json.loads(metadata_in(blob)[CONFIG_KEY]), "weights")
     except (ValueError, KeyError, TypeError, RecursionError, UserError):
         return None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from safetensors.torch import save as save_tensors
 from torch import nn
@@ -29,7 +30,7 @@ def load_into(
     tensors = read_tensors(blob, shapes, where, config)
     with torch.no_grad():
         for name, target in expected.items():
-            target.copy_(torch.from_numpy(tensors[name]))
+            target.copy_(torch.from_numpy(np.array(tensors[name])))  # views are read-only
 
 
 def initial_weights(config: RunConfig) -> bytes:

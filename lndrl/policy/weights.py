@@ -13,17 +13,16 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
 
 from lndrl.config import RunConfig, parse_config
 from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.models import TEMPERATURES
 from lndrl.numbering import BEST, checkpoints_in
-from lndrl.policy.layout import CONFIG_KEY, explain_misfit, said_inside
+from lndrl.policy.blob import metadata_in, tensors_in
+from lndrl.policy.layout import CONFIG_KEY, explain_misfit
 from lndrl.policy.shapes import Shapes
-from lndrl.policy.shipped import SHIPPED_FILE, metadata_in, widened
+from lndrl.policy.shipped import SHIPPED_FILE, widened
 from lndrl.version import VERSION
 
 POLICY_FILE = "policy.safetensors"
@@ -51,13 +50,12 @@ class Guidance:
 
     @classmethod
     def of(cls, blob: bytes) -> Guidance:
-        """What a safetensors blob says in its head (its length in 8 bytes, then JSON).
+        """What a safetensors blob says in its head.
 
         Weights that say nothing ask for nothing. Raises UserError for what makes no sense.
         """
         try:
-            head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
-            said = json.loads(head.get("__metadata__", {}).get(GUIDANCE_KEY, "{}"))
+            said = json.loads(metadata_in(blob).get(GUIDANCE_KEY, "{}"))
             found = cls(**said)
             if type(found.labels) is not bool or not 0.0 <= found.drives <= 1.0:
                 raise ValueError(f"{said} is none")
@@ -69,15 +67,15 @@ class Guidance:
 def read_tensors(
     blob: bytes, shapes: Shapes, where: str = "weights", config: RunConfig | None = None
 ) -> dict[str, NDArray[np.float32]]:
-    """The tensors of ``blob``, which are those that ``shapes`` names.
+    """The tensors of ``blob``, which are those that ``shapes`` names: read-only views.
 
     Raises UserError when the blob is no safetensors file, holds other names or shapes, or a
     value that is not finite. Given the network's ``config``, it names the observation layout that
     the weights are for, where they say it.
     """
     try:
-        tensors = load_tensors(blob)
-    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        tensors = tensors_in(blob)
+    except ValueError as error:
         raise UserError(f"{where}: not a safetensors file ({error})") from None
     misfit = _misfit(tensors, shapes)
     if misfit is not None:
@@ -174,8 +172,8 @@ def driven_at(weights: bytes, where: str = "weights") -> float:
     Raises UserError for one that is none.
     """
     try:
-        metadata = said_inside(weights)
-    except (ValueError, KeyError, TypeError, RecursionError):
+        metadata = metadata_in(weights)
+    except ValueError:
         return 1.0
     return _temperature(metadata, where)
 
@@ -200,9 +198,9 @@ def _metadata(file: Path, blob: bytes) -> dict[str, str]:
     From the blob, not from the file: a run that goes on may have put another in its place.
     """
     try:
-        load_tensors(blob)
+        tensors_in(blob)
         return metadata_in(blob)
-    except (SafetensorError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except ValueError as error:
         raise UserError(f"{file}: not a safetensors file ({error})") from None
 
 

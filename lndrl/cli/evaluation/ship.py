@@ -170,7 +170,7 @@ def _to_ship(run: str, temperature: float | None) -> tuple[PlannerSource, dict[s
     """The policy of ``run``, sampled at ``temperature``, and what its file is to say of itself."""
     from lndrl.planners import planner_source
     from lndrl.policy import TEMPERATURE_KEY
-    from lndrl.policy.shipped import metadata_in
+    from lndrl.policy.blob import metadata_in
 
     source = planner_source(run)
     if source.weights is None:

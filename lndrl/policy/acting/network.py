@@ -7,6 +7,8 @@ fastest, (inputs, outputs).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -28,7 +30,7 @@ from lndrl.policy.sparse.convolution import convolve_patches, weight_at_points
 from lndrl.policy.sparse.rows import Rows, flat_weight, sum_and_pool
 from lndrl.policy.sparse.scan import ScanConvolutions
 
-Tensors = dict[str, NDArray[np.float32]]
+Tensors = Mapping[str, NDArray[np.float32]]
 
 _EPSILON = 1e-5  # of torch's LayerNorm
 
@@ -44,8 +46,8 @@ def supports_arrays(config: RunConfig) -> bool:
 class ArrayNetwork:
     """Logits of the policy of ``config`` with the weights ``tensors``.
 
-    ``tensors`` has what ``shapes.parameter_shapes`` names and is empty afterwards, so that at no
-    time all weights are there twice; without it they are zero. See ``supports_arrays``.
+    ``tensors`` has what ``shapes.parameter_shapes`` names, of which copies are made; without it
+    they are zero. See ``supports_arrays``.
     """
 
     def __init__(self, config: RunConfig, tensors: Tensors | None = None) -> None:
@@ -80,8 +82,8 @@ class _Dense:
     """A linear layer called ``name``."""
 
     def __init__(self, name: str, tensors: Tensors) -> None:
-        self.weight = np.ascontiguousarray(tensors.pop(f"{name}.weight").T)
-        self.bias = tensors.pop(f"{name}.bias")
+        self.weight = _kept(tensors[f"{name}.weight"].T)
+        self.bias = _kept(tensors[f"{name}.bias"])
 
     def __call__(self, x: Rows) -> Rows:
         out = np.dot(x, self.weight)
@@ -93,7 +95,7 @@ class _Norm:
     """Layer normalization of the trunk's units."""
 
     def __init__(self, tensors: Tensors) -> None:
-        self._weight, self._bias = tensors.pop("norm.weight"), tensors.pop("norm.bias")
+        self._weight, self._bias = _kept(tensors["norm.weight"]), _kept(tensors["norm.bias"])
 
     def __call__(self, x: Rows) -> Rows:
         centred = x - x.mean(axis=1, keepdims=True)
@@ -144,16 +146,15 @@ class _MapEncoder:
         self._kernels: list[Rows] = []
         self._empty: list[tuple[Rows, Rows]] = []  # before and after ReLU and pooling
         for name in ("conv1", "conv2", "conv3"):
-            weight = tensors.pop(f"map_encoder.{name}.weight")
-            values = _convolved(x, weight, tensors.pop(f"map_encoder.{name}.bias"))
+            weight = tensors[f"map_encoder.{name}.weight"]
+            values = _convolved(x, weight, tensors[f"map_encoder.{name}.bias"])
             x = _pooled(_relu(values.copy()), pooling)
             self._empty.append((_as_rows(values), _as_rows(x)))
             first = name == "conv1"
             self._kernels.append(flat_weight(weight) if first else weight_at_points(weight))
-        matrix = tensors.pop("map_encoder.linear.weight")
-        self._linear = np.ascontiguousarray(matrix.transpose(0, 2, 1))
+        self._linear = _kept(tensors["map_encoder.linear.weight"].transpose(0, 2, 1))
         last = self._empty[-1][1][stand_in_cells(last_cells(config), pooling)]
-        bias = tensors.pop("map_encoder.linear.bias")
+        bias = tensors["map_encoder.linear.bias"]
         self._base = last.reshape(-1) @ self._linear.reshape(-1, len(bias)) + bias
 
     def __call__(self, s: MapStructure) -> Rows:
@@ -169,11 +170,11 @@ class _MapEncoder:
 def _convolutions(tensors: Tensors) -> tuple[Rows, Rows, tuple[Rows, Rows]]:
     """Of a scan encoder, with taps first: (taps, inputs, outputs) twice, and both biases."""
     one, two = (
-        np.ascontiguousarray(tensors.pop(f"scan_encoder.{name}.weight").transpose(2, 1, 0))
+        _kept(tensors[f"scan_encoder.{name}.weight"].transpose(2, 1, 0))
         for name in ("conv1", "conv2")
     )
-    biases = tensors.pop("scan_encoder.conv1.bias"), tensors.pop("scan_encoder.conv2.bias")
-    return one, two, biases
+    names = "scan_encoder.conv1.bias", "scan_encoder.conv2.bias"
+    return one, two, (_kept(tensors[names[0]]), _kept(tensors[names[1]]))
 
 
 def _flat(weight: Rows) -> Rows:
@@ -183,11 +184,11 @@ def _flat(weight: Rows) -> Rows:
 
 def _by_position(tensors: Tensors, positions: int) -> _Dense:
     """The scan's linear layer for channels side by side at each position."""
-    name = "scan_encoder.linear.weight"
-    weight = tensors[name]
+    name = "scan_encoder.linear"
+    weight = tensors[f"{name}.weight"]
     by_position = weight.reshape(len(weight), -1, positions).transpose(0, 2, 1)
-    tensors[name] = by_position.reshape(len(weight), -1)
-    return _Dense("scan_encoder.linear", tensors)
+    moved = {f"{name}.weight": by_position.reshape(len(weight), -1)}
+    return _Dense(name, {**tensors, **moved})
 
 
 def _convolved(x: Rows, weight: Rows, bias: Rows) -> Rows:
@@ -206,6 +207,11 @@ def _pooled(x: Rows, pooling: int) -> Rows:
 def _as_rows(x: Rows) -> Rows:
     """(C, S, S) as (S * S, C)."""
     return np.ascontiguousarray(x.reshape(len(x), -1).T)
+
+
+def _kept(x: Rows) -> Rows:
+    """A contiguous copy: views of a blob would keep the whole of it."""
+    return np.array(x, np.float32, order="C")
 
 
 def _relu(x: Rows) -> Rows:

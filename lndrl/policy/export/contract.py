@@ -10,8 +10,8 @@ from typing import Any
 
 from lndrl.config import RunConfig
 from lndrl.navigation import action_table
+from lndrl.policy.blob import metadata_in
 from lndrl.policy.export.graph import OUTPUT, ROWS, example_inputs, goal_values
-from lndrl.policy.layout import said_inside
 from lndrl.policy.weights import driven_at
 from lndrl.version import VERSION
 
@@ -60,7 +60,7 @@ def _policy(config: RunConfig, weights: bytes) -> dict[str, Any]:
     version: int | None
     steps: int | None
     try:
-        said = said_inside(weights)
+        said = metadata_in(weights)
         version, steps = int(said["lndrl.version"]), int(said["lndrl.steps"])
     except (ValueError, KeyError, TypeError):
         version = steps = None

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from lndrl.errors import UserError
+from lndrl.policy.blob import tensors_in
 
 SHIPPED_FILE = Path(__file__).resolve().with_name("policy.safetensors")
 """Where an installed program has its policy."""
@@ -30,7 +30,7 @@ def narrowed(blob: bytes, metadata: Mapping[str, str], where: str = "weights") -
 
     Raises UserError for a number that float16 does not have.
     """
-    tensors = load_tensors(blob)
+    tensors = tensors_in(blob)
     for name, tensor in tensors.items():
         with np.errstate(over="ignore"):
             half = tensor.astype(np.float16)
@@ -45,7 +45,7 @@ def narrowed(blob: bytes, metadata: Mapping[str, str], where: str = "weights") -
 
 def widened(blob: bytes, metadata: Mapping[str, str]) -> bytes:
     """``blob`` with its float16 tensors as float32; itself where it has none."""
-    tensors = load_tensors(blob)
+    tensors = tensors_in(blob)
     if all(tensor.dtype != np.float16 for tensor in tensors.values()):
         return blob
     wide = {
@@ -68,12 +68,6 @@ def _saved(tensors: dict[str, NDArray[np.floating]], metadata: Mapping[str, str]
     return len(text).to_bytes(8, "little") + text + blob[8 + size :]
 
 
-def metadata_in(blob: bytes) -> dict[str, str]:
-    """The metadata of a safetensors blob: in its head, JSON behind its length in 8 bytes."""
-    head = json.loads(blob[8 : 8 + int.from_bytes(blob[:8], "little")])
-    return dict(head.get("__metadata__") or {})
-
-
 def parameters_in(blob: bytes) -> int:
     """How many numbers the tensors of a safetensors blob have."""
-    return sum(tensor.size for tensor in load_tensors(blob).values())
+    return sum(tensor.size for tensor in tensors_in(blob).values())

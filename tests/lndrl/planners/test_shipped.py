@@ -25,7 +25,8 @@ from lndrl.policy import (
     read_policy,
     to_bytes,
 )
-from lndrl.policy.shipped import metadata_in, narrowed
+from lndrl.policy.blob import metadata_in
+from lndrl.policy.shipped import narrowed
 
 TEMPERED = {TEMPERATURE_KEY: "0.25"}
 SMALL = {"map_channels": (2, 2, 2), "features": 8, "goal_features": 4}

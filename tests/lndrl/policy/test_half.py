@@ -13,11 +13,11 @@ from lndrl.config import RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.navigation import Observation
 from lndrl.policy import PolicyRunner, load_policy, policy_metadata
+from lndrl.policy.blob import metadata_in
 from lndrl.policy.networks import build_policy
 from lndrl.policy.shipped import (
     LARGEST_FILE,
     SHIPPED_FILE,
-    metadata_in,
     narrowed,
     parameters_in,
     widened,

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from lndrl.policy.acting.modules import ModulePolicy
 from lndrl.policy.acting.network import ArrayNetwork, supports_arrays
 from lndrl.policy.acting.runner import ArrayPolicy
 from lndrl.policy.shapes import parameter_shapes
+from lndrl.policy.weights import read_tensors
 from tests.lndrl.policy.built_in import built_in
 from tests.lndrl.policy.test_networks import adversarial, with_random_biases
 from tests.lndrl.policy.test_variants import NAMES, observation_for
@@ -87,12 +89,24 @@ def test_shapes_are_those_of_torchs_modules(name: str, changes: list[str]) -> No
     assert parameter_shapes(config) == {name: tuple(t.shape) for name, t in state.items()}
 
 
-def test_weights_are_taken_and_not_kept_twice() -> None:
-    config = config_of("lndrl", [])
-    shapes = parameter_shapes(config)
-    tensors = {name: np.ones(shape, np.float32) for name, shape in shapes.items()}
-    ArrayNetwork(config, tensors)
-    assert tensors == {}
+def test_nothing_of_the_blob_is_kept() -> None:
+    """Or an actor would hold its weights twice."""
+    for name in NAMES:
+        config = config_of(name, ["network.layer_norm=true"])
+        weights = weights_of(config)[1]
+        network = ArrayNetwork(config, read_tensors(weights, parameter_shapes(config)))
+        blob = np.frombuffer(weights, np.uint8)
+        parts = [part for part in vars(network).values() if part is not None]
+        assert len(parts) >= 4 and not any(shares(part, blob) for part in parts), name
+
+
+def shares(part: Any, blob: np.ndarray) -> bool:
+    """Whether any array in ``part`` lies in the memory of ``blob``."""
+    if isinstance(part, np.ndarray):
+        return np.may_share_memory(part, blob)
+    if isinstance(part, list | tuple):
+        return any(shares(each, blob) for each in part)
+    return hasattr(part, "__dict__") and any(shares(each, blob) for each in vars(part).values())
 
 
 def test_refused_weights_leave_those_that_act() -> None:
