@@ -37,7 +37,6 @@ from learner.run.validation import Validation, read_curve
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.machine.memory import return_what_is_free
 from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
@@ -72,7 +71,6 @@ class Learner:
         self.config = config
         self.endpoint = endpoint
         self.ppo = PPO(config)
-        return_what_is_free()  # first weights take twice their room while they are drawn
         check_messages(config, len(to_bytes(self.ppo.policy)), endpoint.largest_message)
         check_queue(config)
         _check_teacher(config)

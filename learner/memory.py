@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from lndrl.machine.memory import MMAP_MAX, TOP_PAD, TRIM_THRESHOLD, glibc
+from lndrl.machine.memory import MMAP_MAX, TOP_PAD, TRIM_THRESHOLD, glibc, return_what_is_free
 
 _HEAP = 64 * 2**20
 """Bytes of the pieces that arenas of threads are made of; a pad as large keeps an empty one."""
@@ -70,6 +70,7 @@ class MemoryTide:
         self._interval = interval
         self._clock = clock
         self._last = clock()
+        return_what_is_free()  # first weights take twice their room while they are drawn
 
     def turn(self) -> bool:
         """Call it often, where nothing large is allocated; whether memory was returned now."""

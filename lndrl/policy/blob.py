@@ -31,7 +31,7 @@ def metadata_in(blob: bytes) -> dict[str, str]:
     return said
 
 
-def tensors_in(blob: bytes) -> dict[str, NDArray[np.generic]]:
+def tensors_in(blob: bytes) -> dict[str, NDArray[Any]]:
     """The tensors by name, read-only views of ``blob``, which stays as long as any of them.
 
     Raises ValueError for what is no safetensors blob, and for types that NumPy does not have.
@@ -48,7 +48,7 @@ def tensors_in(blob: bytes) -> dict[str, NDArray[np.generic]]:
     return tensors
 
 
-def _tensor(name: str, entry: Any, data: memoryview) -> tuple[NDArray[np.generic], int]:
+def _tensor(name: str, entry: Any, data: memoryview) -> tuple[NDArray[Any], int]:
     """The view that an entry of the head describes, and its size in bytes."""
     try:
         kind, shape = entry["dtype"], tuple(int(n) for n in entry["shape"])

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 # What is measured is imported where it is: libraries are the first part.
 
@@ -59,7 +60,8 @@ def actor(folder: Path, settings: list[str]) -> Iterator[str]:
     chunk = rollout.collect(0)
     assert chunk is not None
     yield "a chunk"
-    np.savez(folder / _CHUNKS, **chunk.trajectory.to_arrays())
+    arrays: dict[str, Any] = chunk.trajectory.to_arrays()
+    np.savez(folder / _CHUNKS, **arrays)
 
 
 def learner(folder: Path, settings: list[str]) -> Iterator[str]:

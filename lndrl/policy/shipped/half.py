@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ def widened(blob: bytes, metadata: Mapping[str, str]) -> bytes:
     return _saved(wide, metadata)
 
 
-def _saved(tensors: dict[str, NDArray[np.floating]], metadata: Mapping[str, str]) -> bytes:
+def _saved(tensors: dict[str, NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
     """A safetensors blob that is the same, byte for byte, every time.
 
     The library writes metadata in any order, and results are known by the digest of the weights.

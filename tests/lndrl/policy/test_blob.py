@@ -14,7 +14,7 @@ from safetensors.numpy import load, save
 
 from lndrl.policy.blob import metadata_in, tensors_in
 
-TENSORS = {
+TENSORS: dict[str, np.ndarray] = {
     "a.weight": np.arange(12, dtype=np.float32).reshape(3, 4),
     "b": np.array([1.5, -2.0], np.float16),
     "count": np.array(7, np.int64),
