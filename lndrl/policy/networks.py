@@ -24,11 +24,13 @@ from lndrl.navigation.privileged.floats import NAMES
 from lndrl.policy.arrays import pooling_factor
 from lndrl.policy.gradients import (
     cell_linear,
+    convolve_first,
     convolve_patches,
     convolve_pool,
     flat_weight,
     linear,
     scan_convolutions,
+    tap_weight,
     train_cell_linear,
     weight_at_points,
 )
@@ -63,7 +65,8 @@ class FrozenWeights:
     """What the sparse evaluation needs of weights that stay as they are for a while."""
 
     empty: list[EmptyResponse]
-    kernels: list[Tensor]  # see flat_weight; from the second on in float32 weight_at_points
+    cut: bool  # whether they are for rows cut into patches
+    kernels: list[Tensor]  # see tap_weight; from the second on weight_at_points or flat_weight
     base: Tensor  # (features,), the linear layer's response to the empty map
 
 
@@ -119,12 +122,10 @@ class MapEncoder(nn.Module):
         with torch.no_grad():
             empty = self._empty_response()
             last = empty[-1].pooled[torch.from_numpy(stand_in_cells(self.cells, self.pooling))]
-            first, *others = (convolution.weight for convolution in self._convolutions())
-            exact = first.dtype == torch.float32
-            kernels = [flat_weight(first)]
-            kernels += [weight_at_points(w) if exact else flat_weight(w) for w in others]
-            base = self.linear(last.to(first.dtype)[None])[0].float()
-            self._frozen = FrozenWeights(empty, kernels, base)
+            kind = self.conv1.weight.dtype
+            cut = kind == torch.float32
+            base = self.linear(last.to(kind)[None])[0].float()
+            self._frozen = FrozenWeights(empty, cut, self._kernels(cut), base)
 
     def _dense(self, maps: Tensor) -> Tensor:
         x = maps
@@ -135,20 +136,23 @@ class MapEncoder(nn.Module):
     def _sparse(self, s: MapStructure) -> Tensor:
         frozen = None if torch.is_grad_enabled() else self._frozen
         empty = frozen.empty if frozen else self._empty_response()
+        cut = s.levels[1].patches is not None
+        kernels = frozen.kernels if frozen and frozen.cut == cut else self._kernels(cut)
+        others = convolve_patches if cut else convolve_pool
         rows = torch.from_numpy(s.values)
-        for i, convolution in enumerate(self._convolutions()):
-            cut = s.levels[i].patches is not None
-            if frozen and cut == (frozen.kernels[i].ndim == 3):
-                kernels = frozen.kernels[i]
-            else:
-                weight = convolution.weight
-                kernels = weight_at_points(weight.float()) if cut else flat_weight(weight)
-            convolve = convolve_patches if cut else convolve_pool
-            rows = convolve(rows, kernels, empty[i].conv, empty[i].pooled, s.levels[i])
+        for i, level in enumerate(s.levels):
+            convolve = others if i else convolve_first
+            rows = convolve(rows, kernels[i], empty[i].conv, empty[i].pooled, level)
         if frozen:
             return cell_linear(rows, self.linear.weight, frozen.base, s)
         last = empty[-1].pooled[torch.from_numpy(s.cell_stand_in)]
         return train_cell_linear(rows, last, self.linear.weight, self.linear.bias, s)
+
+    def _kernels(self, cut: bool) -> list[Tensor]:
+        """The convolutions' weights as the sparse evaluation takes them; ``cut`` into patches."""
+        first, *others = (convolution.weight for convolution in self._convolutions())
+        arranged = (weight_at_points(w.float()) if cut else flat_weight(w) for w in others)
+        return [tap_weight(first), *arranged]
 
     def _empty_response(self) -> list[EmptyResponse]:
         """The dense convolutions on the stand-in."""

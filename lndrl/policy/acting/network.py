@@ -27,7 +27,8 @@ from lndrl.policy.shapes import (
 from lndrl.policy.sparse import STAND_IN, MapStructure, stand_in_cells
 from lndrl.policy.sparse.cells import cell_linear
 from lndrl.policy.sparse.convolution import convolve_patches, weight_at_points
-from lndrl.policy.sparse.rows import Rows, flat_weight, sum_and_pool
+from lndrl.policy.sparse.first import convolve_first, tap_weight
+from lndrl.policy.sparse.rows import Rows
 from lndrl.policy.sparse.scan import ScanConvolutions
 
 Tensors = Mapping[str, NDArray[np.float32]]
@@ -151,15 +152,14 @@ class _MapEncoder:
             x = _pooled(_relu(values.copy()), pooling)
             self._empty.append((_as_rows(values), _as_rows(x)))
             first = name == "conv1"
-            self._kernels.append(flat_weight(weight) if first else weight_at_points(weight))
+            self._kernels.append(tap_weight(weight) if first else weight_at_points(weight))
         self._linear = _kept(tensors["map_encoder.linear.weight"].transpose(0, 2, 1))
         last = self._empty[-1][1][stand_in_cells(last_cells(config), pooling)]
         bias = tensors["map_encoder.linear.bias"]
         self._base = last.reshape(-1) @ self._linear.reshape(-1, len(bias)) + bias
 
     def __call__(self, s: MapStructure) -> Rows:
-        products = np.dot(s.values, self._kernels[0])
-        rows, _ = sum_and_pool(products, *self._empty[0], s.levels[0])
+        rows, _ = convolve_first(s.values, self._kernels[0], *self._empty[0], s.levels[0])
         for weight, empty, level in zip(
             self._kernels[1:], self._empty[1:], s.levels[1:], strict=True
         ):

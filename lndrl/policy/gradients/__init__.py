@@ -5,9 +5,11 @@ The arithmetic is that of ``lndrl.policy.sparse``; here it becomes operations of
 
 from lndrl.policy.gradients.cells import cell_linear, train_cell_linear
 from lndrl.policy.gradients.convolution import (
+    convolve_first,
     convolve_patches,
     convolve_pool,
     flat_weight,
+    tap_weight,
     weight_at_points,
 )
 from lndrl.policy.gradients.dense import linear
@@ -15,11 +17,13 @@ from lndrl.policy.gradients.scan import scan_convolutions
 
 __all__ = [
     "cell_linear",
+    "convolve_first",
     "convolve_patches",
     "convolve_pool",
     "flat_weight",
     "linear",
     "scan_convolutions",
+    "tap_weight",
     "train_cell_linear",
     "weight_at_points",
 ]

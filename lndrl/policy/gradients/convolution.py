@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.autograd import Function
 
-from lndrl.policy.sparse import convolution, rows
+from lndrl.policy.sparse import convolution, first, rows
 from lndrl.policy.sparse.points import POINTS, kernel_evaluation
 from lndrl.policy.sparse.structure import Level
 
@@ -43,6 +43,33 @@ class _PatchConvolution(Function):
         by_parts = convolution.gradients(gradient, ctx.done, weight.numpy(), ctx.level)
         by_empty = rows.spread_empty(gradient, ctx.done.winner, ctx.level, ctx.places)
         return *(torch.from_numpy(each) for each in (*by_parts, *by_empty)), None
+
+
+class _FirstConvolution(Function):
+    """``sparse.first.convolve_first``, of rows (R, C) that are given and need no gradient."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        values: Tensor,
+        weight: Tensor,
+        conv_empty: Tensor,
+        pool_empty: Tensor,
+        level: Level,
+    ) -> Tensor:
+        v, w, conv, pool = (t.detach().numpy() for t in (values, weight, conv_empty, pool_empty))
+        out, ctx.winner = first.convolve_first(v, w, conv, pool, level)
+        ctx.save_for_backward(values)
+        ctx.level, ctx.places = level, (len(conv_empty), len(pool_empty))
+        return torch.from_numpy(out)
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
+        gradient = gradients[0].contiguous().numpy()
+        (values,) = ctx.saved_tensors
+        by_weight = first.gradient_by_weight(gradient, ctx.winner, values.numpy(), ctx.level)
+        by_empty = rows.spread_empty(gradient, ctx.winner, ctx.level, ctx.places)
+        return None, *(torch.from_numpy(each) for each in (by_weight, *by_empty)), None
 
 
 class _RowConvolution(Function):
@@ -86,6 +113,14 @@ def convolve_patches(
     return found
 
 
+def convolve_first(
+    values: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
+) -> Tensor:
+    """The same of a map itself, by ``sparse.first``; weight as ``tap_weight`` has it."""
+    found: Tensor = _FirstConvolution.apply(values, weight, conv_empty, pool_empty, level)
+    return found
+
+
 def convolve_pool(
     values: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
 ) -> Tensor:
@@ -95,9 +130,15 @@ def convolve_pool(
 
 
 def flat_weight(weight: Tensor) -> Tensor:
-    """See ``sparse.rows.flat_weight``."""
+    """A kernel (O, C, 3, 3) as ``convolve_pool`` multiplies it: (C, 9 * O), tap by tap."""
     outputs, inputs = weight.shape[:2]
     return weight.permute(1, 2, 3, 0).reshape(inputs, 9 * outputs)
+
+
+def tap_weight(weight: Tensor) -> Tensor:
+    """See ``sparse.first.tap_weight``."""
+    outputs, inputs = weight.shape[:2]
+    return weight.permute(2, 3, 1, 0).reshape(9, inputs, outputs).float().contiguous()
 
 
 def weight_at_points(weight: Tensor) -> Tensor:

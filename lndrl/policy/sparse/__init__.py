@@ -4,7 +4,7 @@ NumPy and compiled kernels alone, so that whoever only acts needs no torch; grad
 and become operations of torch in ``lndrl.policy.gradients``.
 """
 
-from lndrl.policy.sparse import cells, convolution, patches, rows, scan, structure
+from lndrl.policy.sparse import cells, convolution, first, patches, scan, structure
 from lndrl.policy.sparse.structure import (
     LEVELS,
     STAND_IN,
@@ -15,7 +15,7 @@ from lndrl.policy.sparse.structure import (
 )
 
 KERNELS = (
-    *structure.KERNELS, *patches.KERNELS, *rows.KERNELS, *convolution.KERNELS, *cells.KERNELS,
+    *structure.KERNELS, *patches.KERNELS, *first.KERNELS, *convolution.KERNELS, *cells.KERNELS,
     *scan.KERNELS,
 )  # fmt: skip
 """What acting calls from Python."""

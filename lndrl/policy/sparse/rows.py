@@ -1,4 +1,4 @@
-"""Convolutions evaluated row by row: for few channels, and for products in bfloat16.
+"""Convolutions evaluated row by row, for products in bfloat16.
 
 Rows hold *differences* from the response to the empty map, so whatever lies beside them counts as
 zero. Each input row is multiplied once with all nine taps of the kernel, in one dense matrix
@@ -119,13 +119,3 @@ def spread_empty(
     conv, pool = (np.zeros((n, gradient.shape[1]), np.float32) for n in places)
     _spread_empty(gradient, winner, level.stand_in, conv, pool)
     return conv, pool
-
-
-def flat_weight(weight: NDArray[np.float32]) -> Rows:
-    """A kernel (O, C, 3, 3) as rows are multiplied with it: (C, 9 * O), tap by tap."""
-    outputs, inputs = weight.shape[:2]
-    return np.ascontiguousarray(weight.transpose(1, 2, 3, 0).reshape(inputs, 9 * outputs))
-
-
-KERNELS = (_sum_and_pool,)
-"""What acting calls from Python."""

@@ -53,12 +53,15 @@ def test_greedy_takes_the_likeliest_and_seeds_repeat() -> None:
 
 
 def test_bfloat16_is_the_same_policy_within_its_digits() -> None:
-    weight = torch.randn(28, 16, generator=torch.Generator().manual_seed(0))
-    exact, coarse = (runner(bfloat16, weight=weight) for bfloat16 in (False, True))
-    observation = random_observation(np.random.default_rng(0), 32, 2.0)
-    difference = exact.log_probabilities(observation) - coarse.log_probabilities(observation)
-    # Products of eight bits each: 2^-8 of logits that differ by about ten.
-    assert 0.0 < np.abs(difference).max() < 0.1
+    differences = []
+    for seed in range(8):
+        weight = torch.randn(28, 16, generator=torch.Generator().manual_seed(seed))
+        exact, coarse = (runner(bfloat16, weight=weight) for bfloat16 in (False, True))
+        observation = random_observation(np.random.default_rng(seed), 32, 2.0)
+        answers = (each.log_probabilities(observation) for each in (exact, coarse))
+        differences.append(np.abs(next(answers) - next(answers)))
+    # Products of eight bits each: 2^-8 of logits that differ by about ten is 0.04.
+    assert 0.0 < np.mean(differences) < 0.01 and np.quantile(differences, 0.999) < 0.1
 
 
 def test_weights_of_another_network_are_refused_by_name() -> None:
