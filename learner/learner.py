@@ -33,9 +33,10 @@ from learner.run.checkpoint import (
 from learner.run.events import EventLog
 from learner.run.folder import RunFolder
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
-from learner.run.validation import Validation, read_curve
+from learner.run.validation import Validation
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
+from lndrl.curve import read_curve
 from lndrl.errors import UserError
 from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
@@ -122,7 +123,7 @@ class Learner:
     # -- the loop ----------------------------------------------------------------------------
 
     def run(self, stop: Event) -> None:
-        """Train until the configured number of steps, or until ``stop`` is set."""
+        """Train until the run is ``finished``, or until ``stop`` is set."""
         self.begin()
         while not self.finished and not stop.is_set():
             self.advance(timeout=0.2)
@@ -180,7 +181,8 @@ class Learner:
         except OSError as error:
             self.events.add("disk", f"summary.json cannot be written ({error.strerror or error})")
         word = "finished" if self.finished else "stopped"
-        self.events.add("end", f"{word} at step {self.counters.steps:,}")
+        why = f": {self.early}" if self.early else ""
+        self.events.add("end", f"{word} at step {self.counters.steps:,}{why}")
 
     def close(self) -> None:
         """Release threads and files; the endpoint belongs to whoever opened it."""
@@ -372,7 +374,17 @@ class Learner:
 
     @property
     def finished(self) -> bool:
-        """Whether the configured number of steps is reached."""
+        """Whether the configured number of steps is reached, or arrivals no longer rise."""
+        return self._has_its_steps or self.validation.standstill is not None
+
+    @property
+    def early(self) -> str:
+        """Why the run is finished before its steps; empty where it is not."""
+        found = self.validation.standstill
+        return "" if found is None or self._has_its_steps else str(found)
+
+    @property
+    def _has_its_steps(self) -> bool:
         return self.counters.steps >= self.config.learner.total_steps
 
     @property
@@ -397,6 +409,7 @@ class Learner:
             dropped=self.ingest.dropped,
             accounts=self.accounts.totals(),
             checkpoint=self.last_checkpoint[0] if self.last_checkpoint else None,
+            early=self.early,
         )
 
 

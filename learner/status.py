@@ -57,7 +57,7 @@ def snapshot(learner: Learner) -> dict[str, Any]:
 
 def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
     if learner.finished:
-        return "done"
+        return f"done: {learner.early}" if learner.early else "done"
     if all(actor["state"] == "gone" for actor in actors):
         return "waiting for actors"
     if sentence := _compiling(learner, actors):

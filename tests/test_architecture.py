@@ -32,6 +32,7 @@ FLOORS = {
     "lndrl.world": 1,
     "lndrl.localization": 1,
     "lndrl.transport": 1,
+    "lndrl.curve": 2,
     "lndrl.doctor": 2,
     "lndrl.navigation": 2,
     "lndrl.policy": 3,

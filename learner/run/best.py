@@ -18,7 +18,6 @@ from safetensors.torch import save as save_tensors
 
 from learner.run.checkpoint import write_folder
 from lndrl.config import RunConfig
-from lndrl.models import effective
 from lndrl.numbering import BEST
 from lndrl.policy import POLICY_FILE, policy_metadata
 from lndrl.policy.weights import VALIDATED_KEY
@@ -28,16 +27,6 @@ _NEEDED = {
     **{"version": int, "steps": int, "unix": float, "score": float},
     **{"under": str, "digest": str, "sampled": dict, "greedy": dict},
 }
-
-
-def conditions(config: RunConfig) -> str:
-    """Twelve hex digits of all that decides what validation episodes are.
-
-    Arrivals under other conditions say nothing about which policy is better.
-    """
-    sections = (config.scenario, config.world, config.localization, config.task)
-    facts = [*map(effective, sections), config.learner.validation_episodes]
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def save_best(folder: Path, config: RunConfig, weights: bytes, facts: dict[str, Any]) -> None:

@@ -208,7 +208,7 @@ def _finite(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class RunSummary:
-    """How a run ended."""
+    """How a run ended; ``early`` says why it is finished before its steps, empty where not."""
 
     folder: Path
     finished: bool
@@ -219,12 +219,14 @@ class RunSummary:
     dropped: dict[str, int]
     accounts: dict[str, Any]
     checkpoint: Path | None
+    early: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for ``summary.json``."""
         return {
             "folder": str(self.folder),
             "finished": self.finished,
+            "early": self.early,
             "steps": self.steps,
             "updates": self.updates,
             "seconds": round(self.seconds, 1),
@@ -242,6 +244,8 @@ class RunSummary:
             f"{self.seconds / 60:.1f} min ({self.steps / max(self.seconds, 1e-9):.0f} steps/s), "
             f"{counted(figures['count'], 'episode')}"
         ]
+        if self.early:
+            lines.append(f"{self.early}; to train on: --resume --set learner.patience=0")
         if figures["window"]:
             rates = ", ".join(f"{name} {figures[name]:.1%}" for name in OUTCOMES)
             lines.append(f"last {counted(figures['window'], 'episode')}: {rates}")

@@ -6,7 +6,6 @@ down; the learner's own thread records them, so nothing of this can disturb an u
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -14,12 +13,12 @@ from pathlib import Path
 from threading import Event, Lock
 from typing import Any
 
-from learner.run.best import conditions, read_best, save_best, set_aside_best
+from learner.run.best import read_best, save_best, set_aside_best
 from learner.run.events import EventLog
 from learner.run.record import Recorder
 from lndrl.config import RunConfig
+from lndrl.curve import Standstill, conditions, score, standstill
 from lndrl.transport import (
-    COUNTS,
     PROTOCOL_VERSION,
     Ack,
     EvaluatorHello,
@@ -62,7 +61,8 @@ class _Handed:
 class Validation:
     """What evaluators may test, and the curve of what they found; see ``ValidationHandlers``.
 
-    ``curve`` holds a row per validated version, in the order in which the results came.
+    ``curve`` holds a row per validated version, in the order in which the results came;
+    ``standstill`` says that it no longer rises, which finishes the run.
     """
 
     def __init__(
@@ -72,6 +72,7 @@ class Validation:
         self.episodes = config.learner.validation_episodes
         self.curve: list[dict[str, Any]] = []
         self.best: dict[str, Any] | None = None
+        self.standstill: Standstill | None = None
         self._config, self._folder, self._events = config, folder, events
         self._config_data = config.model_dump(mode="json")
         self._run_id, self._incarnation = run_id, incarnation
@@ -95,6 +96,7 @@ class Validation:
         """
         self.curve = curve
         self._done = {row["version"] for row in curve}
+        self._look_for_standstill()
         try:
             best = read_best(self._folder)
         except ValueError as error:
@@ -132,6 +134,7 @@ class Validation:
             if better:
                 self._keep(offer, {**row, "score": score})
             self._events.add("validated", f"at step {offer.steps:,}: {in_words(row)}")
+            self._look_for_standstill()
 
     def finish(self, recorder: Recorder, updates: int, stop: Event) -> None:
         """Wait for the result of the newest weights, which are the run's last, and record it.
@@ -170,6 +173,9 @@ class Validation:
             "best": {name: best[name] for name in names} if best is not None else None,
         }
 
+    def _look_for_standstill(self) -> None:
+        self.standstill = standstill(self.curve, self._config, self._under)
+
     def _row(self, result: ValidationResult, offer: _Offer) -> dict[str, Any]:
         return {
             "version": offer.version,
@@ -184,19 +190,13 @@ class Validation:
         }
 
     def _score(self, row: dict[str, Any]) -> float:
-        """Share of sampled arrivals of this version and of the one validated before it, together.
-
-        The best of many noisy rates is mostly a lucky one. Two neighbours are nearly the same
-        policy, so both say something about the later one, and luck needs to strike twice.
-        """
+        """See ``score``; the neighbour is the nearest version before that is known by now."""
         before = [
             other
             for other in self.curve
             if other["version"] < row["version"] and other["under"] == row["under"]
         ]
-        nearest = max(before, key=lambda other: other["version"], default=None)
-        both = [each["sampled"] for each in (row, nearest) if each is not None]
-        return sum(one["arrived"] for one in both) / sum(one["episodes"] for one in both)
+        return score(row, max(before, key=lambda other: other["version"], default=None))
 
     def _keep(self, offer: _Offer, facts: dict[str, Any]) -> None:
         try:
@@ -300,30 +300,3 @@ def arrivals(counts: dict[str, int]) -> str:
     """For example ``0.93 arrived (0.86-0.97)``."""
     low, high = wilson_interval(counts["arrived"], counts["episodes"])
     return f"{counts['arrived'] / counts['episodes']:.2f} arrived ({low:.2f}-{high:.2f})"
-
-
-def read_curve(path: Path) -> list[dict[str, Any]]:
-    """The rows of validation in a ``metrics.jsonl``, oldest first; damaged ones are left out."""
-    try:
-        with path.open("rb") as file:
-            found = [_row_in(line) for line in file if b'"validation"' in line]
-    except OSError:
-        return []  # the recorder has said so
-    return [row for row in found if row is not None]
-
-
-def _row_in(line: bytes) -> dict[str, Any] | None:
-    try:
-        row = json.loads(line)["validation"]
-        checked = (row["version"], row["steps"], row["unix"], row["under"])
-        counts = [row[kind][name] for kind in ("sampled", "greedy") for name in COUNTS]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None
-    if not all(type(number) is int and 0 <= number < 2**53 for number in (*checked[:2], *counts)):
-        return None
-    ended = ("arrived", "collided", "lost", "timeout")
-    fits = all(
-        0 < row[kind]["episodes"] >= sum(row[kind][name] for name in ended)
-        for kind in ("sampled", "greedy")
-    )
-    return row if fits else None

@@ -177,8 +177,8 @@ def _list() -> None:
     for kind in _kinds():
         typer.echo(f"{kind}:")
         for name, path in shipped(kind).items():
-            headline = textwrap.shorten(_headline(path), 80, placeholder=" …")
-            typer.echo(f"    {name:<14} {headline}")
+            headline = textwrap.shorten(_headline(path), 74, placeholder=" …")
+            typer.echo(f"    {name:<20} {headline}")
     typer.echo(f"files: {REPOSITORY_CONFIGS}")
 
 

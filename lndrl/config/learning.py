@@ -207,6 +207,12 @@ class LearnerConfig(Model):
     validation_share: Annotated[float, Field(gt=0.0, le=1.0), LATER] = Field(
         0.15, description="of one core's time that an evaluator takes on average"
     )
+    patience: Annotated[int, Field(ge=0, le=MOST), LATER] = Field(
+        0,
+        description="environment steps after which a run is finished, before total_steps, where "
+        "its validated arrivals have not risen; counted from the best or from the end of "
+        "imitation, whichever is later; 0: never (docs/training.md)",
+    )
     queue_chunks: Count = Field(64, description="uploads waiting at most")
     queue_megabytes: Count = Field(512, description="10^6 bytes of uploads waiting at most")
 
@@ -216,6 +222,15 @@ class LearnerConfig(Model):
         if not re.fullmatch(r"auto|cpu|cuda(:\d+)?", device):
             raise ValueError(f"{device} is not a device; write cpu, cuda, cuda:0 or auto")
         return device
+
+    @model_validator(mode="after")
+    def _arrivals_to_wait_for(self) -> LearnerConfig:
+        if self.patience and not self.validation_episodes:
+            raise ValueError(
+                "patience goes by validated arrivals; it needs validation_episodes above 0, e.g. "
+                "validation_episodes: 100"
+            )
+        return self
 
     @model_validator(mode="after")
     def _an_average_to_act_on(self) -> LearnerConfig:

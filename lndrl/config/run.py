@@ -279,11 +279,11 @@ def _with_base(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """``above`` over ``below``, mapping by mapping."""
+    """``above`` over ``below``, mapping by mapping; an empty one, ``{}``, empties what is below."""
     both = {
         key: _merged(below[key], value)
         for key, value in above.items()
-        if isinstance(value, dict) and isinstance(below.get(key), dict)
+        if value and isinstance(value, dict) and isinstance(below.get(key), dict)
     }
     return {**below, **above, **both}
 

@@ -38,7 +38,10 @@ def _of_a_configuration(schema: dict[str, Any]) -> dict[str, Any]:
     keys["scenario"] = _or(keys["scenario"], {"type": "string"})
     presets = {"type": "string", "enum": list(PRESETS)}
     keys["localization"] = _or(keys["localization"], presets)
-    base = "configuration whose keys this one changes: a name, or a file relative to this one"
+    base = (
+        "configuration whose keys this one changes: a name, or a file relative to this one; {} "
+        "empties what it has under a key"
+    )
     keys = {"base": {"type": "string", "description": base}, **keys}
     # Whatever is missing may stand in the base.
     return {**{k: v for k, v in schema.items() if k != "required"}, "properties": keys}

@@ -16,12 +16,13 @@ LINE_EVERY = 60.0
 """s between lines where there is no terminal; a method takes an hour."""
 
 
-def method_line(name: str, steps: int, row: Mapping[str, Any]) -> str:
+def method_line(name: str, steps: int, row: Mapping[str, Any], early: bool = False) -> str:
     """A method that is to take ``steps`` steps, by the newest ``row`` of its metrics.
 
     Arrivals are those of the newest episodes; steps/s those of the last minute of training.
+    ``early``: it is finished, as its validated arrivals no longer rose.
     """
-    done = f"{name}: {row.get('steps', 0):,} of {steps:,} steps"
+    done = f"{name}: {row.get('steps', 0):,} of {steps:,} steps{' (no longer rose)' * early}"
     if not row:
         return done
     rate, arrived = row["time"]["steps_per_second"], row["episodes"]["arrived"]

@@ -358,6 +358,16 @@ def test_a_base_is_read_below_and_leads_nowhere_twice(tmp_path: Path) -> None:
             load_config(tmp_path / f"{name}.yaml")
 
 
+def test_an_empty_mapping_empties_what_is_below(tmp_path: Path) -> None:
+    """As ``--set imitation.settings={}`` does; all else is changed key by key."""
+    low = "scenario: hybrid\nimitation: {steps: 9000, settings: {turn: 1, view: 2}}\n"
+    (tmp_path / "low.yaml").write_text(low)
+    for said, settings in (("{}", {}), ("{view: 3}", {"turn": 1, "view": 3})):
+        (tmp_path / "high.yaml").write_text(f"base: low.yaml\nimitation: {{settings: {said}}}\n")
+        config = load_config(tmp_path / "high.yaml")
+        assert (config.imitation.steps, config.imitation.settings) == (9000, settings)
+
+
 @pytest.mark.parametrize(
     ("name", "differs"),
     [
@@ -389,10 +399,31 @@ def test_a_base_is_read_below_and_leads_nowhere_twice(tmp_path: Path) -> None:
 def test_each_baseline_differs_in_what_it_ablates_alone(
     name: str, differs: dict[str, object]
 ) -> None:
-    ours, theirs = (
-        flat(load_config(REPOSITORY_CONFIGS / f"{n}.yaml").model_dump()) for n in ("lndrl", name)
-    )
-    assert {key: theirs[key] for key in ours if ours[key] != theirs[key]} == differs
+    assert difference("table-lndrl", name) == differs
+
+
+def test_the_table_s_own_differs_from_lndrl_in_who_teaches_it() -> None:
+    taught = {"ppo.teacher": "predictive", "imitation.vary": 0.5}
+    assert difference("lndrl", "table-lndrl") == taught
+    ours, table = load_config("lndrl"), load_config("table-lndrl")
+    assert ours.ppo.teacher == "careful" and ours.imitation.settings
+    assert table.imitation.settings == {} and table.imitation.steps == ours.imitation.steps
+
+
+def test_alone_means_the_same_for_both_rows_that_are() -> None:
+    """Of a teacher that there is not nothing matters."""
+    alone = {"ppo.teacher": None, "ppo.actor_learning_rate": 3e-4}
+    assert difference("drl_laser_ped", "drl_laser_ped-alone") == alone
+    assert difference("lndrl", "reward_alone") == alone
+    one = difference("table-lndrl", "drl_laser_ped")
+    both = difference("reward_alone", "drl_laser_ped-alone")
+    assert {k: v for k, v in both.items() if not k.startswith("imitation.")} == one
+
+
+def difference(name: str, other: str) -> dict[str, Any]:
+    """What ``other`` says where both have a key and differ; a teacher's parameters aside."""
+    ours, theirs = (flat(load_config(each).model_dump()) for each in (name, other))
+    return {key: theirs[key] for key in ours if key in theirs and ours[key] != theirs[key]}
 
 
 def flat(data: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -22,7 +22,7 @@ def curves(
     ] = None,
 ) -> None:
     """Draw a run's learning curves and write them as a table."""
-    from learner.run.validation import read_curve
+    from lndrl.curve import read_curve
     from lndrl.evaluation.run_metrics import read_metrics
     from lndrl.view.pictures.curves import save_curves, value_at, write_csv, write_validated
 

@@ -55,8 +55,8 @@ def train_all(
 ) -> None:
     """Train every learned method of the bench; what stopped goes on, what is done is kept.
 
-    Each is trained by lndrl train METHOD, into the run folder that the bench
-    names.
+    Each is trained by lndrl train, with the configuration and into the run
+    folder that the bench names.
     """
     if serial and listen is not None:
         raise UserError("--listen does not go with --serial, which nothing can attach to")
@@ -93,12 +93,15 @@ def _work(folder: MethodsFolder, options: list[str]) -> int:
     from lndrl.view.methods import MethodsDisplay, method_line
 
     def all_options(run: Run) -> list[str]:
-        return ["--steps", str(run.config.learner.total_steps), *options]
+        # A run that goes on has its own configuration, which may be from before the bench's.
+        given = [part for setting in settings[run.name] for part in ("--set", setting)]
+        return ["--steps", str(run.config.learner.total_steps), *given, *options]
 
+    settings = {run.name: run.settings for run in folder.methods}
     display = MethodsDisplay(folder)
     for run in folder.runs:
         if next_job(folder, run) is None:
-            display.say(f"{run.name}: has its steps, is kept")
+            display.say(f"{run.name}: {folder.early(run) or 'has its steps'}, is kept")
     promise = "the method at work leaves a checkpoint"
     with folder.locked() as lock, stop_on_signals(promise) as stop:
         work = Work(folder, Trainer(folder, lock, all_options), 1, display.say, display.show)
@@ -106,7 +109,7 @@ def _work(folder: MethodsFolder, options: list[str]) -> int:
             done = work.go(stop)
     for run in folder.runs:
         goal = run.config.learner.total_steps
-        typer.echo(method_line(run.name, goal, folder.newest(run)))
+        typer.echo(method_line(run.name, goal, folder.newest(run), bool(folder.early(run))))
     if not done:
         say(f"the same command goes on where this one stopped: {same_command()}")
     return stop.exit_code

@@ -14,9 +14,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from lndrl.config import REPOSITORY_CONFIGS, RandomizeConfig, RunConfig, load_config
+from lndrl.config import find as find_file
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
-from lndrl.models import Model, Temperature, effective, load_yaml, validate
+from lndrl.models import MOST, Model, Temperature, effective, load_yaml, validate
 from lndrl.planners import PlannerSource, ShieldConfig, has_weights, is_rule, planner_source
 
 Localization = Literal["amcl", "perfect"]
@@ -45,6 +46,14 @@ class Method(Model):
 
     temperature: Temperature | None = Field(
         None, description="of a policy's sampling; by default what its file says, or 1"
+    )
+    config: str | None = Field(
+        None,
+        description="configuration that lndrl train-all trains it with: a name, or a file relative "
+        "to this one; by default METHOD.yaml beside this one",
+    )
+    seed: Annotated[int, Field(ge=0, le=MOST)] | None = Field(
+        None, description="of its training; by default what its configuration says"
     )
 
     @property
@@ -75,6 +84,10 @@ class BenchmarkSpec(Model):
     frozen: dict[str, str] = Field(
         default_factory=dict, description="scenario to the hash that it must have"
     )
+    training: list[str] = Field(
+        default_factory=list,
+        description="key=value, as --set of lndrl train, in the training of all methods",
+    )
     methods: dict[str, Method] = Field(min_length=1, description="rows of the table, by name")
 
     @model_validator(mode="after")
@@ -84,6 +97,16 @@ class BenchmarkSpec(Model):
                 raise ValueError(
                     f"only names {name}, none of the scenarios {', '.join(self.scenarios)}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _rules_are_not_trained(self) -> BenchmarkSpec:
+        for name, method in self.methods.items():
+            for key in ("config", "seed"):
+                if getattr(method, key) is not None and is_rule(method.planner):
+                    raise ValueError(
+                        f"methods.{name}.{key}: {method.planner} is a rule, nothing to train"
+                    )
         return self
 
     @property
@@ -96,17 +119,42 @@ class BenchmarkSpec(Model):
         return [*self.set, *self.only.get(scenario, [])]
 
     def config_of(self, name: str, folder: Path = REPOSITORY_CONFIGS) -> Path | None:
-        """The configuration that method ``name`` is trained with: ``NAME.yaml`` in ``folder``.
+        """The configuration that method ``name`` is trained with.
 
-        Failing that, the one of another method that shares its planner; None for a rule and where
-        there is no such file.
+        The one that it names, else ``NAME.yaml`` in ``folder``, else that of another method which
+        shares its planner; None for a rule and where there is none of these. Raises UserError for a
+        name or file that is not there.
         """
+        for each in self.sharing(name):
+            named = self.methods[each].config
+            if named is not None:
+                try:
+                    return find_file("configuration", named, folder)
+                except UserError as error:
+                    raise UserError(f"config: {error}") from None
+            if (folder / f"{each}.yaml").is_file():
+                return folder / f"{each}.yaml"
+        return None
+
+    def seed_of(self, name: str, folder: Path = REPOSITORY_CONFIGS) -> int | None:
+        """The seed that the bench trains method ``name`` with, None for its configuration's.
+
+        As for ``config_of``, a method that says nothing of its training has that of another.
+        """
+        for each in self.sharing(name):
+            method = self.methods[each]
+            said = method.seed is not None or method.config is not None
+            if said or (folder / f"{each}.yaml").is_file():
+                return method.seed
+        return None
+
+    def sharing(self, name: str) -> list[str]:
+        """Method ``name`` and then the others that test the same run; none where it is a rule."""
         planner = self.methods[name].planner
         if is_rule(planner):
-            return None
-        sharing = [other for other, each in self.methods.items() if each.planner == planner]
-        files = (folder / f"{each}.yaml" for each in (name, *sharing))
-        return next((file for file in files if file.is_file()), None)
+            return []
+        others = [o for o, each in self.methods.items() if each.planner == planner and o != name]
+        return [name, *others]
 
 
 @dataclass(frozen=True)
@@ -213,20 +261,20 @@ def contenders(
             source = planner_source(method.planner, method.settings, shield=method.shielded)
             if method.temperature is not None:
                 source = source.at_temperature(method.temperature)
-            _check_layout(source, spec.config_of(name, configs))
+            _check_layout(source, spec.config_of(name, configs), spec.training)
         except UserError as error:
             raise UserError(f"method {name}: {error}") from None
         found.append(Contender(name, source, localization or method.localization, greedy))
     return found, missing
 
 
-def _check_layout(source: PlannerSource, file: Path | None) -> None:
+def _check_layout(source: PlannerSource, file: Path | None, training: Sequence[str]) -> None:
     if source.config is None:
         return
     from lndrl.policy import check_layout  # torch: takes seconds, and rules need none of it
 
     if file is not None:
-        check_layout(source.name, source.config, load_config(file), shown(file))
+        check_layout(source.name, source.config, load_config(file, list(training)), shown(file))
     # What is left of a layout is the policy's own under the bench, see bench_config.
     seen = source.config.model_copy(update={"world": load_config(_BASE).world})
     check_layout(source.name, source.config, seen, "the bench")

@@ -45,7 +45,7 @@ def benchmark_table(rows: Sequence[Row], title: str) -> Table:
             values = (getattr(published, _PAPER_FIELDS.get(n, n)) for n in (*RATES, *SPREADS))
             figures = [f"{value:.3f}" for value in values]
             figures.insert(_RATES.index(HAZARD), "-")
-            table.add_row("  paper", "2,500", *figures, style="dim")
+            table.add_row("  published", "2,500", *figures, style="dim")
     return table
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from lndrl.config import RunConfig, flatten, load_config
 from lndrl.config.shipped import SHIPPED_POLICY
+from lndrl.curve import Standstill, conditions, read_curve, standstill
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
 from lndrl.evaluation.sweep import Run, RunsFolder, State
@@ -24,7 +25,7 @@ _FREE: Any = {
     "learner": {
         "total_steps", "threads", "device", "precision", "cuda_graphs", "checkpoint_interval",
         "keep_checkpoints", "queue_chunks", "queue_megabytes", "validation_episodes",
-        "validation_share",
+        "validation_share", "patience",
     },
     "transport": True,
 }  # fmt: skip
@@ -33,11 +34,20 @@ _LONGEST = 40  # characters of a value that a sentence can hold
 
 @dataclass(frozen=True)
 class MethodRun:
-    """The run ``runs/NAME`` of a method, trained with what ``file`` says."""
+    """The run ``runs/NAME`` of a method, trained with what ``file`` says.
+
+    ``settings`` (key=value) are the bench's, over those of the file.
+    """
 
     name: str
     config: RunConfig
     file: Path
+    settings: tuple[str, ...] = ()
+
+    def origin(self, key: str) -> str:
+        """Who says what ``key`` is: the bench, or the file as a user would write it."""
+        keys = {setting.partition("=")[0] for setting in self.settings}
+        return "the bench" if key in keys else shown(self.file)
 
 
 class MethodsFolder(RunsFolder):
@@ -50,11 +60,25 @@ class MethodsFolder(RunsFolder):
         self.methods = tuple(runs)
 
     def state(self, run: Run) -> State:
-        """How far the run is, by its newest checkpoint: that is what would be tested."""
+        """How far the run is: finished where it has its steps, or its curve stands still."""
         known = checkpoints_in(self.run_path(run) / "checkpoints")
         if not known:
             return "missing"
-        return "finished" if step_of(known[-1]) >= run.config.learner.total_steps else "begun"
+        if step_of(known[-1]) >= run.config.learner.total_steps:
+            return "finished"
+        return "begun" if self.standstill(run) is None else "finished"
+
+    def standstill(self, run: Run) -> Standstill | None:
+        """Where the run's validated arrivals stopped rising, as the learner itself concludes it."""
+        curve = read_curve(self.run_path(run) / "metrics.jsonl")
+        return standstill(curve, run.config, conditions(run.config))
+
+    def early(self, run: Run) -> str:
+        """See ``RunsFolder``."""
+        found = self.standstill(run)
+        if found is None or self.steps(run) >= run.config.learner.total_steps:
+            return ""
+        return str(found)
 
     def newest(self, run: Run) -> Mapping[str, Any]:
         """The run's newest row of metrics, empty before its first update."""
@@ -77,7 +101,7 @@ class MethodsFolder(RunsFolder):
             if difference is not None:
                 key, kept, wanted = difference
                 raise UserError(
-                    f"{folder}: trained with {key} {kept}, {shown(run.file)} says {wanted}; "
+                    f"{folder}: trained with {key} {kept}, {run.origin(key)} says {wanted}; "
                     "move the folder away or leave the method out with --methods"
                 )
 
@@ -100,8 +124,13 @@ def method_runs(
         for name, method in spec.methods.items()
         if not is_rule(method.planner) and method.planner != SHIPPED_POLICY
     ]
+    if wanted is None:
+        # Under another seed the rows of one seed are those of another's.
+        chosen = [n for n in learned if seed is None or spec.seed_of(n, configs) in (None, seed)]
+    else:
+        chosen = choose(list(spec.methods), wanted, "method")
     runs: dict[str, MethodRun] = {}
-    for name in choose(list(spec.methods), wanted, "method") if wanted is not None else learned:
+    for name in chosen:
         if name not in learned:
             rule = is_rule(spec.methods[name].planner)
             what = "is a rule" if rule else "comes with the program"
@@ -109,7 +138,11 @@ def method_runs(
                 f"method {name} {what}, nothing to train; learned are: {', '.join(learned)}"
             )
         run = _method_run(spec, configs, name, steps, seed)
-        runs.setdefault(run.name, run)
+        if runs.setdefault(run.name, run).config != run.config:
+            raise UserError(
+                f"method {name}: another method is trained into {RUNS}/{run.name} with another "
+                "configuration or seed; give it a run folder of its own"
+            )
     if not runs:
         raise UserError("the bench has no learned method, nothing to train")
     return list(runs.values())
@@ -121,15 +154,22 @@ def _method_run(
     planner = Path(spec.methods[name].planner)
     if planner.parent != Path(RUNS) or planner.is_file():
         raise UserError(f"method {name}: planner {planner} is no folder {RUNS}/NAME to train into")
-    file = spec.config_of(name, configs) or spec.config_of(name)  # else the program's own
+    try:
+        file = spec.config_of(name, configs) or spec.config_of(name)  # else the program's own
+    except UserError as error:
+        raise UserError(f"method {name}: {error}") from None
     if file is None:
         raise UserError(f"method {name}: its configuration {configs / name}.yaml does not exist")
-    settings = [] if steps is None else [f"learner.total_steps={steps}"]
-    own = load_config(file, settings)
+    row = spec.seed_of(name, configs)
+    if seed is not None and row is not None and row != seed:
+        raise UserError(f"method {name} is of seed {row}, not {seed}; leave out --seed")
+    settings = [*spec.training, *([] if row is None else [f"seed={row}"])]
+    count = [] if steps is None else [f"learner.total_steps={steps}"]
+    own = load_config(file, [*settings, *count])
     if seed is None or seed == own.seed:
-        return MethodRun(planner.name, own, file)
+        return MethodRun(planner.name, own, file, tuple(settings))
     other = own.model_copy(update={"seed": seed})
-    return MethodRun(f"{planner.name}-seed{seed}", other, file)
+    return MethodRun(f"{planner.name}-seed{seed}", other, file, tuple(settings))
 
 
 def _difference(kept: RunConfig, wanted: RunConfig) -> tuple[str, str, str] | None:

@@ -70,6 +70,10 @@ class RunsFolder:
         """Whether the run, trained to its end, needs nothing else."""
         return True
 
+    def early(self, run: Run) -> str:
+        """Why a finished run ended before its steps; empty where it did not."""
+        return ""
+
     def state(self, run: Run) -> State:
         """How far the run is; without a checkpoint there is nothing to go on from."""
         folder = self.run_path(run)

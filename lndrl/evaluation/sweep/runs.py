@@ -154,7 +154,9 @@ class Work:
             following = next_job(self.folder, job.run)
             if following is None:
                 word = "diverged" if self.folder.state(job.run) == "diverged" else "done"
-                self.say(f"{name}: {word} at step {self._steps[name]:,}")
+                early = self.folder.early(job.run)
+                why = f": {early}" if early else ""
+                self.say(f"{name}: {word} at step {self._steps[name]:,}{why}")
                 continue
             self._waiting.appendleft(job.run)
             if stop.is_set():

@@ -24,7 +24,10 @@ _FIXED = {
     "learner.total_steps": "say steps",
     "transport.endpoint": "every run gets a port of its own",
     "learner.start": "say start",
+    "learner.patience": "runs are compared at equal steps",
 }
+# Runs are compared at equal steps and tested at their end; an evaluator would only take time.
+_EQUAL = ("learner.validation_episodes=0", "learner.patience=0")
 
 Seed = Annotated[int, Field(ge=0)]
 
@@ -183,14 +186,14 @@ def _variant(
     # Runs work in a folder of their own.
     start = [f"learner.start={_whole(spec.start)}"] if spec.start else []
     where = f"{file}: variant {name}"
-    # Runs are compared at equal steps and tested at their end; an evaluator would only take time.
-    overrides = ["learner.validation_episodes=0", *overrides]
     for override in overrides:
         key = override.partition("=")[0]
         if key in _FIXED:
             raise UserError(f"{where}: {override} is not for a variant to set; {_FIXED[key]}")
     try:
-        config = load_config(base, [*overrides, *start, f"learner.total_steps={spec.steps}"])
+        config = load_config(
+            base, [*_EQUAL, *overrides, *start, f"learner.total_steps={spec.steps}"]
+        )
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     return Variant(name, settings, why, config)

@@ -12,8 +12,9 @@ import pytest
 
 from learner.run.best import read_best, save_best
 from learner.run.record import Recorder
-from learner.run.validation import Validation, read_curve
+from learner.run.validation import Validation
 from learner.status import snapshot
+from lndrl.curve import read_curve
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.numbering import BEST
 from lndrl.policy import initial_weights, read_policy

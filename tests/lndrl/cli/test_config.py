@@ -94,7 +94,7 @@ def test_a_section_is_explained_with_all_that_it_holds(
 def test_differences_are_listed_whatever_is_left_to_defaults(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    different = json.loads(said(capsys, "diff", "lndrl", "no_variance", "--json"))
+    different = json.loads(said(capsys, "diff", "table-lndrl", "no_variance", "--json"))
     assert different == {"network.variances": [True, False]}
     shown = said(capsys, "diff", "lndrl", "paper")
     assert "ppo.epochs" in shown and "transport.upload_window" in shown

@@ -11,7 +11,7 @@ from lndrl.navigation import Observation
 from lndrl.policy import CompactObservation, Inputs, PolicyRunner, build_policy, prepare, to_bytes
 from tests.lndrl.policy.built_in import built_in
 
-NAMES = ["lndrl", "drl_laser", "drl_laser_ped", "no_variance", "no_reward"]
+NAMES = ["lndrl", "table-lndrl", "drl_laser", "drl_laser_ped", "no_variance", "no_reward"]
 
 
 def config_of(name: str) -> RunConfig:
@@ -58,7 +58,7 @@ def test_each_reads_what_its_row_of_the_table_says(name: str) -> None:
         return not torch.allclose(answer(config, other), before)
 
     assert changes("goal") and changes("newest scan")
-    assert changes("variances") == (name in ("lndrl", "no_reward"))
+    assert changes("variances") == (name in ("lndrl", "table-lndrl", "no_reward"))
     assert changes("people") == (name != "drl_laser")
     assert changes("oldest scan")
     assert observation.scan.shape[1] == (2160 if name.startswith("drl") else 720)

@@ -66,6 +66,33 @@ def test_two_methods_are_trained_once(
     assert [path.stat().st_mtime_ns for path in rows] == before
 
 
+def test_a_method_whose_arrivals_no_longer_rise_is_done(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = Path(command[-1])
+    rule = ["learner.validation_episodes=1", "learner.patience=64", "learner.checkpoint_interval=1"]
+    end = ["learner.total_steps=4096", "task.time_limit=0.4", "task.arrive_distance=0.01"]
+    spec.write_text(f"{BENCH}training: {[*rule, *end]}\n")
+    one = [*command, "--methods", "one", "--serial"]
+    assert run(one) == 0, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert out.startswith("one: 192 of 4,096 steps (no longer rose), ")
+    why = "validated arrivals have not risen from step 64 to 128, the most are 0.000 at step 64 ("
+    assert f"one: done at step 192: {why}" in err
+    log = Path("runs/train-all/logs/one.log").read_text()
+    assert f"[end] finished at step 192: {why}" in log
+    assert run(one) == 0
+    again = capsys.readouterr()
+    assert again.out == out and f"one: {why}" in again.err and ", is kept" in again.err
+    assert "starts" not in again.err and "resumed" not in again.err
+    # A bench that waits longer, in a run that was begun under the other rule.
+    spec.write_text(f"{BENCH}training: {[*rule[:1], 'learner.patience=192', *rule[2:], *end]}\n")
+    assert run(one) == 0, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert "one: resumed at step 192" in err and "not risen from step 64 to 256, " in err
+    assert "patience: 192" in Path("runs/one/config.yaml").read_text()
+
+
 class Endless:
     """A run that goes on until it is interrupted; Ctrl-C comes with the second look."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lndrl.cli.main import run as lndrl
-from lndrl.config import find, load_config, load_scenario
+from lndrl.config import find, load_config, load_scenario, shipped
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark import (
     PAPER,
@@ -54,9 +54,7 @@ def test_the_bench_is_the_one_that_was_frozen() -> None:
     assert all(load_scenario(name).version == 1 for name in bench.scenarios)
 
 
-@pytest.mark.parametrize(
-    "name", ["lndrl", "paper", "drl_laser", "drl_laser_ped", "no_variance", "no_reward"]
-)
+@pytest.mark.parametrize("name", shipped("configuration"))
 def test_methods_are_trained_in_the_world_that_they_are_tested_in(name: str) -> None:
     """The bench names every reading by itself; whoever changes one changes these files as well."""
     bench = load_benchmark()

@@ -10,8 +10,15 @@ import pytest
 import yaml
 
 from lndrl.config import load_config
+from lndrl.curve import conditions
 from lndrl.errors import UserError
-from lndrl.evaluation.benchmark import MethodRun, MethodsFolder, load_benchmark, method_runs
+from lndrl.evaluation.benchmark import (
+    PAPER,
+    MethodRun,
+    MethodsFolder,
+    load_benchmark,
+    method_runs,
+)
 from lndrl.evaluation.sweep import Trainer, next_job
 from lndrl.view.methods import method_line
 
@@ -74,10 +81,35 @@ def jobs(folder: MethodsFolder) -> dict[str, str | None]:
 
 def test_the_bench_of_the_repository_trains_each_run_once() -> None:
     runs = method_runs(load_benchmark(), load_benchmark_folder())
-    names = ["drl_laser", "drl_laser_ped", "lndrl", "no_variance", "no_reward"]
-    assert [run.name for run in runs] == names
-    assert [run.file.stem for run in runs] == names
-    assert {run.config.learner.total_steps for run in runs} == {1_200_000}
+    files = {run.name.removeprefix("table-"): run.file.stem for run in runs}
+    assert files == {
+        **{name: name for name in ("drl_laser", "drl_laser_ped", "no_variance", "no_reward")},
+        **{name: name for name in ("drl_laser_ped-alone", "paper")},
+        **{name: "table-lndrl" for name in ("lndrl", "lndrl-seed2", "lndrl-seed3")},
+        "lndrl-alone": "reward_alone",
+        "lndrl-careful": "lndrl",
+    }
+    assert all(run.name.startswith("table-") for run in runs)
+    seeds = {run.name: run.config.seed for run in runs if run.config.seed != 1}
+    assert seeds == {"table-lndrl-seed2": 2, "table-lndrl-seed3": 3}
+
+
+def test_the_papers_rows_are_taught_alike_and_all_end_by_one_rule() -> None:
+    runs = {run.file.stem: run for run in method_runs(load_benchmark(), load_benchmark_folder())}
+    taught = [runs[n] for n in ("table-lndrl", *sorted({*PAPER} - {"dwa", "lndrl"}))]
+    assert len(taught) == 5
+    assert len({str((r.config.ppo, r.config.imitation, r.config.learner)) for r in taught}) == 1
+    assert taught[0].config.ppo.teacher == "predictive"
+    ends = [(r.config.learner.total_steps, r.config.learner.patience) for r in runs.values()]
+    assert set(ends) == {(1_200_000, 200_000)}
+    assert {r.config.learner.validation_episodes for r in runs.values()} == {100}
+    # Those two are what they are elsewhere, but for where they end.
+    for name in ("lndrl", "paper"):
+        learner = load_config(name).learner.model_copy(
+            update={"patience": 200_000, "validation_episodes": 100}
+        )
+        expected = load_config(name).model_copy(update={"learner": learner})
+        assert runs[name].config == expected
 
 
 def load_benchmark_folder() -> Path:
@@ -104,6 +136,84 @@ def test_another_seed_is_another_run(configs: Path) -> None:
     assert jobs(folder) == {"one-seed2": "train"}
     assert folder.runs[0].config.seed == 2
     assert jobs(plan(configs, "one", seed=4)) == {"one": None}  # its configuration's own
+
+
+def test_a_row_names_its_configuration_and_its_seed(configs: Path) -> None:
+    text = (configs / "bench.yaml").read_text()
+    rows = "  three: {planner: runs/one-seed3, config: one.yaml, seed: 3}\n"
+    (configs / "bench.yaml").write_text(text + rows)
+    (run,) = plan(configs, "three").methods
+    assert (run.name, run.config.seed, run.file.stem) == ("one-seed3", 3, "one")
+    assert [r.name for r in plan(configs, "one", "three").methods] == ["one", "one-seed3"]
+    # Whoever asks for that seed of the other row asks for the same run.
+    assert [r.name for r in plan(configs, "one", "three", seed=3).methods] == ["one-seed3"]
+    with pytest.raises(UserError, match="method three is of seed 3, not 2; leave out --seed"):
+        plan(configs, "three", seed=2)
+    spec = load_benchmark(configs / "bench.yaml")
+    spec = spec.model_copy(update={"methods": {n: spec.methods[n] for n in ("one", "three")}})
+    names = [[run.name for run in method_runs(spec, configs, seed=seed)] for seed in (None, 2, 3)]
+    assert names == [["one", "one-seed3"], ["one-seed2"], ["one-seed3"]]
+
+
+def test_two_rows_in_one_run_folder_must_be_one_run(configs: Path) -> None:
+    text = (configs / "bench.yaml").read_text()
+    rows = "  three: {planner: runs/one, config: one.yaml, seed: 3}\n"
+    (configs / "bench.yaml").write_text(text + rows)
+    with pytest.raises(UserError, match="method three: another method is trained into runs/one "):
+        plan(configs, "one", "three")
+    (configs / "bench.yaml").write_text(text + "  four: {planner: runs/f, config: none.yaml}\n")
+    with pytest.raises(UserError, match=r"method four: config: none\.yaml: no such file"):
+        plan(configs, "four")
+
+
+def test_what_the_bench_says_of_training_holds_for_all(configs: Path) -> None:
+    text = (configs / "bench.yaml").read_text()
+    (configs / "bench.yaml").write_text(text + "training: [ppo.gamma=0.5, learner.patience=0]\n")
+    folder = plan(configs, steps=500)
+    assert [run.config.ppo.gamma for run in folder.methods] == [0.5, 0.5]
+    assert [run.config.learner.total_steps for run in folder.methods] == [500, 500]
+    write_run(folder, "one", 100)
+    with pytest.raises(UserError, match=r"trained with ppo\.gamma 0\.99, the bench says 0\.5; "):
+        folder.check()
+
+
+def test_a_run_whose_arrivals_no_longer_rise_is_finished(configs: Path) -> None:
+    text = (configs / "bench.yaml").read_text()
+    rule = "training: [learner.validation_episodes=20, learner.patience=300]\n"
+    (configs / "bench.yaml").write_text(text + rule)
+    folder = plan(configs)
+    write_run(folder, "one", 600)  # by whoever knew nothing of the rule
+    (run, _) = folder.methods
+    validate(folder, run, 10, 18, 10, 10)
+    assert jobs(folder) == {"one": "resume", "two": "train"}
+    assert folder.early(run) == ""
+    validate(folder, run, 10, 18, 10, 10, 8)
+    folder.check()
+    assert jobs(folder) == {"one": None, "two": "train"}
+    assert folder.early(run).startswith("validated arrivals have not risen from step 200 to 500, ")
+    assert jobs(plan(configs, steps=9000))["one"] is None, "more steps are no more arrivals"
+    write_run(folder, "two", 1000)
+    validate(folder, folder.methods[1], 10, 18, 10, 10, 8)
+    assert folder.early(folder.methods[1]) == "", "it has its steps"
+    (configs / "bench.yaml").write_text(text + rule.replace("=20", "=10"))
+    assert jobs(plan(configs))["one"] == "resume", "other episodes are no measure"
+    (configs / "bench.yaml").write_text(text)
+    assert jobs(plan(configs))["one"] == "resume"
+
+
+def validate(folder: MethodsFolder, run: MethodRun, *arrived: int) -> None:
+    """Add what an evaluator found of versions 1, 2 ..., a hundred steps each."""
+    under = conditions(run.config)
+    lines = []
+    for version, each in enumerate(arrived, 1):
+        counts = {"episodes": 20, "arrived": each, "collided": 20 - each,
+                  "lost": 0, "timeout": 0, "steps": 400}  # fmt: skip
+        row = {"version": version, "steps": 100 * version, "unix": 1.0, "under": under,
+               "sampled": counts, "greedy": counts}  # fmt: skip
+        lines.append(json.dumps({"update": version, "validation": row}) + "\n")
+    path = folder.run_path(run) / "metrics.jsonl"
+    own = [line for line in path.read_text().splitlines(True) if "validation" not in line]
+    path.write_text("".join([*own, *lines]))
 
 
 def test_a_run_is_started_with_its_configuration_and_resumed_without(
@@ -198,4 +308,6 @@ def test_a_method_stands_on_one_line(configs: Path) -> None:
     line = method_line(one.name, 1000, folder.newest(one))
     assert line == "one: 960 of 1,000 steps, 210 steps/s, 62.5 % arrived of late"
     assert method_line(two.name, 1000, folder.newest(two)) == "two: 0 of 1,000 steps"
+    early = method_line(one.name, 1000, folder.newest(one), early=True)
+    assert early.startswith("one: 960 of 1,000 steps (no longer rose), 210 steps/s")
     assert isinstance(one, MethodRun)

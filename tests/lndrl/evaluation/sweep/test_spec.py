@@ -44,6 +44,7 @@ def test_seeds_are_interleaved_and_settings_applied(tmp_path: Path) -> None:
         ({"variants": {"a": {"set": ["ppo.epochs=4"], "why": "x"}}}, "a is the same .* as base"),
         ({"variants": {"a": {"set": ["seed=3"], "why": "x"}}}, "name them in seeds"),
         ({"set": ["learner.total_steps=9"]}, "variant base: .*say steps"),
+        ({"set": ["learner.patience=9"]}, "variant base: .*runs are compared at equal steps"),
         ({"config": "none.yaml"}, "none.yaml: no such file"),
     ],
 )
@@ -54,6 +55,13 @@ def test_wrong_files_are_one_sentence(
     with pytest.raises(UserError, match=sentence) as caught:
         load_sweep(file)
     assert str(file) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_runs_of_a_base_that_would_end_early_have_equal_steps(tmp_path: Path) -> None:
+    base = "base: lndrl\nlearner: {patience: 100, validation_episodes: 10}\n"
+    (tmp_path / "early.yaml").write_text(base)
+    sweep = load_sweep(sweep_file(tmp_path, config="early.yaml"))
+    assert {run.config.learner.patience for run in sweep.runs()} == {0}
 
 
 def test_runs_start_from_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
