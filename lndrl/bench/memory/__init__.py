@@ -45,7 +45,8 @@ def _parts(role: str, folder: Path) -> dict[str, float]:
         [sys.executable, str(script), role, str(folder), *settings()],
         env=this_program() | limits,
         capture_output=True,
-        text=True,
+        encoding="utf-8",
+        errors="replace",
     )
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no word"])[-1]
