@@ -71,7 +71,7 @@ def measure(name: str, seconds: float, device: str | None = None) -> dict[str, A
     name or a device that the benchmark does not know.
     """
     if name not in BENCHMARKS:
-        raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all")
+        raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all, gpu")
     if device is not None and name not in ON_DEVICES:
         raise UserError(f"--device: {name} runs on the CPU; those with: {', '.join(ON_DEVICES)}")
     given = {} if device is None else {"device": device}
