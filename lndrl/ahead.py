@@ -39,6 +39,11 @@ def compiling_ahead(config: RunConfig, training: bool = True) -> Iterator[None]:
     yield
 
 
+def compile_missing(config: RunConfig, training: bool = True) -> None:
+    """The same here and now, for a process that has nothing else to do."""
+    _compile(config, _missing(config, training))
+
+
 def _missing(config: RunConfig, training: bool) -> list[Work]:
     """What has to be done, in the order opposite to that of who steps worlds."""
     work: list[tuple[str, str, Work]] = []

@@ -25,6 +25,16 @@ from hypothesis import HealthCheck, settings  # noqa: E402
 
 from lndrl import extensions  # noqa: E402
 
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what is marked ``cuda`` where there is no GPU."""
+    if item.get_closest_marker("cuda") is not None:
+        import torch
+
+        if not torch.cuda.is_available():
+            pytest.skip("needs a CUDA GPU")
+
+
 # No deadline: the first example compiles the kernel. Derandomized: a red test is red again.
 settings.register_profile(
     "lndrl", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]

@@ -28,7 +28,7 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     plain = ["ppo.epochs=1", "ppo.teacher=null", "learner.privileged_critic=false"]
     config = hybrid_config([f"learner.device={device}", *plain])
     ppo = PPO(config)
-    batch = _batch(observations(config, _SAMPLES, 1)[0])
+    batch = batch_of(observations(config, _SAMPLES, 1)[0])
     generator = np.random.default_rng(0)
     advantage, target = generator.normal(size=(2, _SAMPLES)).astype(np.float32)
     try:
@@ -44,7 +44,8 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     }
 
 
-def _batch(observation: Observation) -> Batch:
+def batch_of(observation: Observation) -> Batch:
+    """A batch of ``observation`` (N,) with random actions, each as likely as the others."""
     count = len(observation)
     return Batch(
         trajectories=(),

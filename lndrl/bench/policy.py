@@ -54,14 +54,14 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
         crowded = met.take((count >= IN_VIEW[0]) & (count <= IN_VIEW[1]))
         coarse = _runner(config, device, bfloat16=True)
         return {
-            "samples_per_second": _rate(runner, crowded, batch, seconds),
+            "samples_per_second": acting_rate(runner, crowded, batch, seconds),
             "device": device_name(place),
             "batch": batch,
             "people_in_view": float(crowded.pedestrian_count.mean()),
-            "by_batch": {str(b): _rate(runner, crowded, b, seconds) for b in others},
-            "samples_per_second_as_met": _rate(runner, met, batch, seconds),
+            "by_batch": {str(b): acting_rate(runner, crowded, b, seconds) for b in others},
+            "samples_per_second_as_met": acting_rate(runner, met, batch, seconds),
             "samples_per_second_dense": _dense_rate(crowded, seconds),
-            "samples_per_second_bf16": _rate(coarse, crowded, batch, seconds),
+            "samples_per_second_bf16": acting_rate(coarse, crowded, batch, seconds),
             "bf16_instructions": not on_cpu or bool(torch.cpu._is_avx512_bf16_supported()),
             "max_difference": _difference(runner, crowded),
         }
@@ -73,7 +73,8 @@ def _runner(config: RunConfig, device: str, bfloat16: bool = False) -> PolicyRun
     return runner
 
 
-def _rate(runner: PolicyRunner, met: Observation, batch: int, seconds: float) -> float:
+def acting_rate(runner: PolicyRunner, met: Observation, batch: int, seconds: float) -> float:
+    """Samples per second that ``runner`` acts on in batches, rows of ``met`` in turn."""
     generator = np.random.default_rng(0)
     pieces = _pieces(met, batch)
 

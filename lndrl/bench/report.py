@@ -72,7 +72,7 @@ def measure(name: str, seconds: float, device: str | None = None) -> dict[str, A
     name or a device that the benchmark does not know.
     """
     if name not in BENCHMARKS:
-        raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all")
+        raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all, gpu")
     if device is not None and name not in ON_DEVICES:
         raise UserError(f"--device: {name} runs on the CPU; those with: {', '.join(ON_DEVICES)}")
     given = {} if device is None else {"device": device}
@@ -152,20 +152,22 @@ def figures_table(name: str, figures: Mapping[str, Any]) -> Table:
     table = Table(title=f"{name}: {BENCHMARKS[name]}", title_justify="left")
     table.add_column("figure")
     table.add_column("value", justify="right")
-    for key, value in _flatten(figures):
-        table.add_row(key, _text(value))
+    for key, value in flatten(figures):
+        table.add_row(key, value_text(value))
     return table
 
 
-def _flatten(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+def flatten(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Nested figures as pairs of keys, joined by a space, and values."""
     rows: list[tuple[str, Any]] = []
     for key, value in figures.items():
         label = f"{prefix} {key}".strip()
-        rows += _flatten(value, label) if isinstance(value, Mapping) else [(label, value)]
+        rows += flatten(value, label) if isinstance(value, Mapping) else [(label, value)]
     return rows
 
 
-def _text(value: Any) -> str:
+def value_text(value: Any) -> str:
+    """A figure as people read it."""
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)

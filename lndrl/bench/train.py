@@ -28,7 +28,7 @@ def measure(seconds: float, device: str = "cpu") -> dict[str, Any]:
     run does not get going.
     """
     rows, megabytes = _run(seconds, device)
-    return _figures(rows) | {"actor_megabytes": megabytes}
+    return figures(rows) | {"actor_megabytes": megabytes}
 
 
 def measure_profile(seconds: float, device: str = "cpu") -> dict[str, Any]:
@@ -40,7 +40,7 @@ def measure_profile(seconds: float, device: str = "cpu") -> dict[str, Any]:
     rows, megabytes = _run(seconds, device)
     parts = world.microseconds_by_part(seconds)
     return (
-        _figures(rows)
+        figures(rows)
         | {"actor_megabytes": megabytes}
         | {"profile": _profile(rows) | {"simulate_parts": parts}}
     )
@@ -86,7 +86,8 @@ def _run(seconds: float, device: str) -> tuple[Rows, float]:
     return rows[WARM_UPDATES - 1 :], megabytes
 
 
-def _figures(rows: Rows) -> dict[str, Any]:
+def figures(rows: Rows) -> dict[str, Any]:
+    """The figures of ``measure`` from rows of updates; what is timed begins with the first."""
     profile = _profile(rows)
     return {
         "steps_per_second": (rows[-1]["steps"] - rows[0]["steps"]) / span(rows),

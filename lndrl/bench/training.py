@@ -24,7 +24,8 @@ WARM_UPDATES = 2
 
 _STARTUP = 300.0  # s within which the first update must come
 _LEAVING = 60.0  # s that an asked run may take for its last checkpoint
-_EPOCHS = 4  # whatever lndrl.yaml finds best, the figure stays comparable
+SETTINGS = ("ppo.epochs=4", "learner.validation_episodes=0")
+"""Whatever lndrl.yaml finds best, the figure stays comparable."""
 
 Rows = Sequence[dict[str, Any]]
 
@@ -33,17 +34,29 @@ class Training:
     """``lndrl train configs/reward_alone.yaml``, 4 epochs, in ``folder``; a context that ends it.
 
     Leads a session of its own, so that it can be paused and ended together with its actors.
-    ``name`` is the benchmark's, for its errors; ``more`` goes to the command line.
+    ``name`` is the benchmark's, for its errors; ``more`` goes to the command line; ``config`` and
+    ``settings`` (key=value) are of another training than that. ``leaving``: s that it may take to
+    end, for its last checkpoint.
     """
 
-    def __init__(self, name: str, folder: Path, scheme: str, more: Sequence[str]) -> None:
+    def __init__(
+        self,
+        name: str,
+        folder: Path,
+        scheme: str,
+        more: Sequence[str],
+        config: Path = CONFIG,
+        settings: Sequence[str] = SETTINGS,
+        leaving: float = _LEAVING,
+    ) -> None:
         self.name, self.folder = name, folder / "runs/bench"
-        command = [sys.executable, "-m", "lndrl", "train", str(CONFIG), "--run", "bench"]
+        self._log, self._leaving = folder / "log", leaving
+        command = [sys.executable, "-m", "lndrl", "train", str(config), "--run", "bench"]
         command += ["--no-dashboard", "--listen", f"{scheme}/127.0.0.1:{free_port()}"]
-        command += ["--set", f"ppo.epochs={_EPOCHS}", "--set", "learner.validation_episodes=0"]
+        command += [part for each in settings for part in ("--set", each)]
         command += more
         self._began = time.monotonic()
-        with (folder / "log").open("wb") as log:
+        with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 command,
                 cwd=folder,
@@ -59,7 +72,7 @@ class Training:
 
     def __exit__(self, *_: object) -> None:
         self.go_on()
-        RealProcess(self._process).end(_LEAVING)
+        RealProcess(self._process).end(self._leaving)
 
     def rows(self) -> list[dict[str, Any]]:
         """Its ``metrics.jsonl`` so far, a row per update."""
@@ -68,6 +81,12 @@ class Training:
         except UserError:  # not yet written
             return []
 
+    def curve(self) -> list[dict[str, Any]]:
+        """What was validated so far, a row per version."""
+        from lndrl.curve import read_curve
+
+        return read_curve(self.folder / "metrics.jsonl")
+
     def wait(self, done: Callable[[Rows], bool], interval: float = 0.5) -> Rows:
         """The rows as soon as they are ``done``; looks every ``interval`` s.
 
@@ -75,12 +94,13 @@ class Training:
         """
         while True:
             rows = self.rows()
-            if self._process.poll() is not None:
-                raise UserError(f"{self.name}: the run ended early; try lndrl train by itself")
-            if len(rows) < WARM_UPDATES and time.monotonic() - self._began > _STARTUP:
-                raise UserError(f"{self.name}: no update within {_STARTUP:.0f} s on this machine")
+            ended = self._process.poll() is not None
             if done(rows):
                 return rows
+            if ended:
+                raise UserError(f"{self.name}: the run ended early, saying: {self._last_words()}")
+            if len(rows) < WARM_UPDATES and time.monotonic() - self._began > _STARTUP:
+                raise UserError(f"{self.name}: no update within {_STARTUP:.0f} s on this machine")
             time.sleep(interval)
 
     def pause(self) -> None:
@@ -97,6 +117,11 @@ class Training:
         pid = self._process.pid
         actors = [resident_megabytes(child) for child in _children(pid)]
         return resident_megabytes(pid), max([0.0, *actors])
+
+    def _last_words(self) -> str:
+        """The last line of what it printed."""
+        lines = self._log.read_text("utf-8", "replace").split("\n")
+        return next((each.strip() for each in reversed(lines) if each.strip()), "nothing")
 
 
 def span(rows: Rows) -> float:

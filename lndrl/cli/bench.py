@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -16,7 +18,7 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, transport, train, "
-            "memory, tls, or all"
+            "memory, tls, or all; or gpu: all that wants one, in a few minutes"
         ),
     ],
     peers: Annotated[
@@ -30,8 +32,9 @@ def bench(
         bool, typer.Option("--json", help="print figures as JSON instead of tables")
     ] = False,
     seconds: Annotated[
-        float, typer.Option(help="timed seconds per figure; more is steadier")
-    ] = 5.0,
+        float | None,
+        typer.Option(help="timed seconds per figure, 5 unless given; more is steadier"),
+    ] = None,
     device: Annotated[
         str | None,
         typer.Option(
@@ -53,12 +56,32 @@ def bench(
             "--set", metavar="KEY=VALUE", help="world, policy, learner, train, memory: also so"
         ),
     ] = None,
+    rehearse: Annotated[
+        bool, typer.Option("--rehearse", help="gpu: the same script on the CPU, in small")
+    ] = False,
+    minutes: Annotated[
+        float | None, typer.Option(help="gpu: for all of it, 8 unless given (a rehearsal 5)")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="gpu: JSON of what is known so far, at any time"),
+    ] = None,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
 
     from lndrl.bench import report
 
+    if name == "gpu":
+        given = {"--peers": peers, "--profile": profile, "--seconds": seconds is not None}
+        given |= {"--device": bool(device), "--vs": bool(vs), "--set": bool(settings)}
+        _check_alone(given)
+        _measure_gpu(rehearse, minutes, out, json_output)
+        return
+    if rehearse or minutes is not None or out is not None:
+        option = "--rehearse" if rehearse else "--out" if out is not None else "--minutes"
+        raise UserError(f"{option} goes with gpu, not with {name}")
+    seconds = 5.0 if seconds is None else seconds
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
     if profile and name != "train":
@@ -88,6 +111,41 @@ def bench(
         return
     content = figures if name == "all" else figures[name]
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
+
+
+def _check_alone(given: dict[str, bool]) -> None:
+    """Raise UserError where an option was ``given`` that gpu does not take."""
+    if option := next((name for name, value in given.items() if value), None):
+        raise UserError(
+            f"{option} does not go with gpu, which takes --minutes, --out, --rehearse and --json; "
+            "CUDA_VISIBLE_DEVICES chooses the card"
+        )
+
+
+def _measure_gpu(rehearse: bool, minutes: float | None, out: Path | None, quiet: bool) -> None:
+    """Measure all that wants a GPU, or rehearse that; exit code 1 where a part failed."""
+    import json
+
+    from lndrl.bench import gpu, report
+    from lndrl.cli.signals import say
+    from lndrl.cli.tables import print_tables
+
+    if minutes is not None and not minutes > 0:
+        raise UserError(f"--minutes {minutes:g}: must be above 0")
+    plan = gpu.rehearsal() if rehearse else gpu.full_plan()
+    gpu.check_device(plan)
+    place = out or Path(time.strftime("bench-gpu-%Y%m%d-%H%M%S.json"))
+    words = f"{place} holds what was measured; begin again with: {same_command()}"
+    with telling(lambda: words):
+        content = gpu.measure(plan, plan.minutes if minutes is None else minutes, place, say)
+    if quiet:
+        typer.echo(json.dumps(content, indent=2))
+    else:
+        print_tables(gpu.table(content))
+        typer.echo(report.machine_line(content["machine"]))
+        typer.echo(f"{place} holds all digits")
+    if gpu.has_failed(content):
+        raise typer.Exit(1)
 
 
 def _compare(name: str, commit: str, seconds: float, rounds: int, peers: bool, quiet: bool) -> None:

@@ -12,12 +12,7 @@ from lndrl.errors import UserError
 from lndrl.policy import build_policy
 from tests.learner.helpers_learner import random_trajectory, small_config
 
-DEVICES = [
-    "cpu",
-    pytest.param(
-        "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
-    ),
-]
+DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.cuda)]
 
 
 @pytest.mark.parametrize("device", DEVICES)

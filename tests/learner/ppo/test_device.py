@@ -20,9 +20,7 @@ from learner.run.checkpoint import Counters, load_checkpoint, save_checkpoint
 from lndrl.policy import record_cuda_graph
 from tests.learner.helpers_learner import random_trajectory, small_config
 
-ON_GPU = pytest.param(
-    "cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
-)
+ON_GPU = pytest.param("cuda", marks=pytest.mark.cuda)
 SETTINGS = {"actor_learning_rate": 1e-3, "gradient_norm": 1e3}
 
 
@@ -276,7 +274,7 @@ def test_recording_asks_cuda_for_what_it_knows(monkeypatch) -> None:
     assert log == [["capture_error_mode", "stream"], "work", "replay"]
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
+@pytest.mark.cuda
 def test_bfloat16_on_a_gpu_learns_about_the_same(trainer) -> None:
     figures = {}
     for precision in ("float32", "auto"):

@@ -33,7 +33,7 @@ ROWS = [row(0), row(1), row(4)]
 
 
 def test_figures_are_of_the_timed_updates_alone() -> None:
-    figures = train._figures(ROWS)
+    figures = train.figures(ROWS)
     assert figures["steps_per_second"] == pytest.approx(100.0)
     assert figures["learner_busy"] == pytest.approx(0.9), "the 5 s before do not count"
     assert figures["overhead_learner"] == pytest.approx(1 / 9)

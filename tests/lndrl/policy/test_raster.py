@@ -22,31 +22,36 @@ TASKS = [
     TaskConfig(map_cells=8, map_extent=8.0, pedestrian_radius=1.0),  # centres exactly on the rim
 ]
 NAMES = ["paper", "odd", "large", "tiny", "exact"]
-DEVICES = ["cpu"] + ["cuda"] * torch.cuda.is_available()
+DEVICES = ["cpu", pytest.param("cuda", marks=pytest.mark.cuda)]
 
 
-def assert_drawn_alike(people: np.ndarray, count: np.ndarray, task: TaskConfig) -> None:
+def assert_drawn_alike(
+    people: np.ndarray, count: np.ndarray, task: TaskConfig, device: str
+) -> None:
     expected = draw_pedestrian_map(people, count, task)
-    for device in DEVICES:
-        maps = draw_on_device(
-            torch.from_numpy(people).to(device), torch.from_numpy(count).to(device), task
-        )
-        assert maps.is_contiguous(memory_format=torch.channels_last)
-        np.testing.assert_array_equal(maps.cpu().numpy(), expected)
+    maps = draw_on_device(
+        torch.from_numpy(people).to(device), torch.from_numpy(count).to(device), task
+    )
+    assert maps.is_contiguous(memory_format=torch.channels_last)
+    np.testing.assert_array_equal(maps.cpu().numpy(), expected)
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("task", TASKS, ids=NAMES)
 @given(seed=st.integers(0, 2**32 - 1), spread=st.sampled_from([0.2, 0.5, 1.02, 1.4]))
-def test_random_people_in_and_out_of_the_map(task: TaskConfig, seed: int, spread: float) -> None:
+def test_random_people_in_and_out_of_the_map(
+    device: str, task: TaskConfig, seed: int, spread: float
+) -> None:
     rng = np.random.default_rng(seed)
     reach = 0.5 * spread * task.map_extent
     people = rng.uniform(-reach, reach, (4, 24, 4)).astype(np.float32)
-    assert_drawn_alike(people, rng.integers(0, 25, 4).astype(np.uint8), task)
+    assert_drawn_alike(people, rng.integers(0, 25, 4).astype(np.uint8), task, device)
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("task", TASKS, ids=NAMES)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_people_on_borders_centres_and_rims(task: TaskConfig, seed: int) -> None:
+def test_people_on_borders_centres_and_rims(device: str, task: TaskConfig, seed: int) -> None:
     """Places where rounding decides: half cells, the map's border, a radius off a centre."""
     rng = np.random.default_rng(seed)
     size = task.map_extent / task.map_cells
@@ -56,7 +61,7 @@ def test_people_on_borders_centres_and_rims(task: TaskConfig, seed: int) -> None
     places += rng.choice([0.0, task.pedestrian_radius, -task.pedestrian_radius], (4, 24, 2))
     people[..., :2] = places
     people[0, :4, :2] = np.array([[1, 1], [-1, 1], [1, -1], [0, 1]]) * 0.5 * task.map_extent
-    assert_drawn_alike(people.astype(np.float32), np.array([24, 24, 5, 0], np.uint8), task)
+    assert_drawn_alike(people.astype(np.float32), np.array([24, 24, 5, 0], np.uint8), task, device)
 
 
 def test_nothing_is_made_on_another_device() -> None:

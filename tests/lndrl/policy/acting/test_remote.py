@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from lndrl.policy import PolicyRunner, build_policy, initial_weights, to_bytes
 from lndrl.policy.acting.remote import DevicePolicy
@@ -53,7 +52,7 @@ def test_an_answer_outlives_the_next_call_and_sizes_come_and_go() -> None:
     np.testing.assert_array_equal(policy.log_probabilities(first_seen), kept)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.cuda
 @pytest.mark.parametrize(("bfloat16", "tolerance"), [(False, 2e-3), (True, 0.1)])
 def test_on_a_gpu_the_policy_is_the_same(bfloat16: bool, tolerance: float) -> None:
     here, there = PolicyRunner(CONFIG), PolicyRunner(CONFIG, "cuda", bfloat16)
