@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 from lndrl.machine.cores import THREAD_VARIABLES
 from lndrl.machine.memory import return_large_blocks
 from lndrl.machine.signals import stop_handler, unblock
-from lndrl.machine.threads import use_wide_products
 
 if TYPE_CHECKING:
     from lndrl.config import TransportConfig
@@ -90,7 +89,6 @@ def main(options: WorkerOptions, channel: Connection) -> None:
     """
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
-    use_wide_products()
     return_large_blocks()
     stop = threading.Event()
     with stop_handler(lambda *_: stop.set()):

@@ -15,11 +15,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# As in every program of ours: what processes of both kinds compute must agree to the last bit.
-from lndrl.machine.threads import use_wide_products  # noqa: E402
-
-use_wide_products()
-
 import pytest  # noqa: E402
 from hypothesis import HealthCheck, settings  # noqa: E402
 

@@ -24,7 +24,6 @@ from lndrl.cli.again import remember
 from lndrl.errors import UserError
 from lndrl.machine.cores import limit_threads
 from lndrl.machine.signals import stop_handler
-from lndrl.machine.threads import use_wide_products
 
 # What `lndrl --help` shows; the rest of a command is imported only when it is called, because
 # torch and numba take seconds.
@@ -171,7 +170,6 @@ def main() -> None:
     # in the working folder first, which may hold a learner.py of the user's.
     os.environ["PYTHONSAFEPATH"] = "1"
     limit_threads()
-    use_wide_products()
     with stop_handler(interrupt):
         code = run(sys.argv[1:])
     sys.exit(128 + received[0] if received and code == 128 + signal.SIGINT else code)

@@ -19,12 +19,6 @@ def vendor(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
     return _entry(cpuinfo, "vendor_id")
 
 
-@cache
-def features(cpuinfo: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
-    """Names of what its instructions are, as Linux has them, e.g. avx2; none where unknown."""
-    return frozenset(_entry(cpuinfo, "flags").split())
-
-
 def _entry(cpuinfo: Path, key: str) -> str:
     try:
         lines = cpuinfo.read_text("utf-8").splitlines()

@@ -36,9 +36,7 @@ def main() -> None:
 def actor(folder: Path, settings: list[str]) -> Iterator[str]:
     """As ``actors.worker`` builds one; leaves a chunk in ``folder`` for the learner."""
     from lndrl.machine.memory import return_large_blocks, return_what_is_free
-    from lndrl.machine.threads import use_wide_products
 
-    use_wide_products()
     return_large_blocks()
     yield "interpreter"
     import numba  # noqa: F401

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lndrl.machine.processor import features, model, vendor
+from lndrl.machine.processor import model, vendor
 
 TEXT = """processor\t: 0
 vendor_id\t: AuthenticAMD
 cpu family\t: 26
 model name\t: AMD EPYC 9B45
-flags\t\t: fpu avx2 avx512f
 
 processor\t: 1
 vendor_id\t: AuthenticAMD
@@ -23,12 +22,6 @@ def test_maker_and_name(tmp_path: Path) -> None:
     assert model(tmp_path / "cpuinfo") == "AMD EPYC 9B45"
 
 
-def test_what_it_can(tmp_path: Path) -> None:
-    (tmp_path / "cpuinfo").write_text(TEXT)
-    assert features(tmp_path / "cpuinfo") == {"fpu", "avx2", "avx512f"}
-
-
 def test_elsewhere_nobody_knows(tmp_path: Path) -> None:
-    assert features(tmp_path / "none") == frozenset()
     assert vendor(tmp_path / "none") == ""
     assert model(tmp_path / "none")
