@@ -72,36 +72,6 @@ class _FirstConvolution(Function):
         return None, *(torch.from_numpy(each) for each in (by_weight, *by_empty)), None
 
 
-class _RowConvolution(Function):
-    """``sparse.rows.sum_and_pool`` of the products of rows (R, C) and weight (C, 9 * O)."""
-
-    @staticmethod
-    def forward(
-        ctx: Any,
-        values: Tensor,
-        weight: Tensor,
-        conv_empty: Tensor,
-        pool_empty: Tensor,
-        level: Level,
-    ) -> Tensor:
-        products = product(values, weight).numpy()
-        conv, pool = conv_empty.detach().numpy(), pool_empty.detach().numpy()
-        out, ctx.winner = rows.sum_and_pool(products, conv, pool, level)
-        ctx.save_for_backward(values, weight)
-        ctx.level, ctx.places = level, (len(conv_empty), len(pool_empty))
-        return torch.from_numpy(out)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        gradient = gradients[0].contiguous().numpy()
-        values, weight = ctx.saved_tensors
-        by_products = torch.from_numpy(rows.spread(gradient, ctx.winner, ctx.level))
-        by_empty = rows.spread_empty(gradient, ctx.winner, ctx.level, ctx.places)
-        by_values = by_products @ weight.t() if ctx.needs_input_grad[0] else None
-        by_weight = values.t() @ by_products
-        return by_values, by_weight, *(torch.from_numpy(each) for each in by_empty), None
-
-
 def convolve_patches(
     values: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
 ) -> Tensor:
@@ -124,9 +94,10 @@ def convolve_first(
 def convolve_pool(
     values: Tensor, weight: Tensor, conv_empty: Tensor, pool_empty: Tensor, level: Level
 ) -> Tensor:
-    """The same row by row; weight as ``flat_weight`` has it, in float32 or bfloat16."""
-    found: Tensor = _RowConvolution.apply(values, weight, conv_empty, pool_empty, level)
-    return found
+    """The same row by row, without gradients; weight as ``flat_weight`` has it, in any type."""
+    products = product(values.detach(), weight.detach()).numpy()
+    conv, pool = conv_empty.detach().numpy(), pool_empty.detach().numpy()
+    return torch.from_numpy(rows.sum_and_pool(products, conv, pool, level))
 
 
 def flat_weight(weight: Tensor) -> Tensor:

@@ -24,8 +24,8 @@ Rows = NDArray[np.float32]
 
 
 @kernel()
-def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, winner):
-    """out[b] = relu(max over outputs s of a block) - pool_empty; winner[b] = the s that won.
+def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out):
+    """out[b] = relu(max over outputs s of a block) - pool_empty.
 
     An output is conv_empty plus products[row, k] for each of its taps k; ``products`` is
     (R, 9 * O), ``sums`` scratch (P, O).
@@ -44,38 +44,17 @@ def _sum_and_pool(products, taps, stand_in, conv_empty, pool_empty, sums, out, w
                         sums[s, j] += products[row, start + j]
         for j in range(channels):
             out[b, j] = 0.0
-            winner[b, j] = NONE
         for s in range(outputs):
             for j in range(channels):
-                higher = sums[s, j] > out[b, j]
-                out[b, j] = sums[s, j] if higher else out[b, j]
-                winner[b, j] = np.uint8(s) if higher else winner[b, j]
+                out[b, j] = max(out[b, j], sums[s, j])
         place = stand_in[b, outputs]
         for j in range(channels):
             out[b, j] -= pool_empty[place, j]
 
 
 @kernel()
-def _spread(gradient, winner, targets, outputs, out):
-    """The gradient of ``_sum_and_pool`` by products: out (R, 9 * O)."""
-    channels = gradient.shape[1]
-    zero = np.float32(0.0)
-    for row in range(targets.shape[0]):
-        for k in range(9):
-            start = k * channels
-            target = targets[row, k]
-            if target < 0:
-                for j in range(channels):
-                    out[row, start + j] = zero
-            else:
-                b, s = target // outputs, np.uint8(target % outputs)
-                for j in range(channels):
-                    out[row, start + j] = gradient[b, j] if winner[b, j] == s else zero
-
-
-@kernel()
 def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
-    """The gradient of ``_sum_and_pool`` by conv_empty and pool_empty."""
+    """The gradients by conv_empty and pool_empty of what came of pooled outputs, see ``winner``."""
     outputs = stand_in.shape[1] - 1
     for b in range(gradient.shape[0]):
         place = stand_in[b, outputs]
@@ -88,34 +67,27 @@ def _spread_empty(gradient, winner, stand_in, conv_out, pool_out):
                     conv_out[place, j] += gradient[b, j]
 
 
-def sum_and_pool(
-    products: Rows, conv_empty: Rows, pool_empty: Rows, level: Level
-) -> tuple[Rows, NDArray[np.uint8]]:
+def sum_and_pool(products: Rows, conv_empty: Rows, pool_empty: Rows, level: Level) -> Rows:
     """What products of rows (R, 9 * O) are after sums, ReLU and pooling, as differences (B, O).
 
     conv_empty and pool_empty are the response to the empty map, before and after ReLU and pooling,
-    as rows of the stand-in. The second result is which output of each block was the largest.
+    as rows of the stand-in.
     """
-    blocks, channels = len(level.taps), products.shape[1] // 9
-    out, winner = np.empty((blocks, channels), np.float32), np.empty((blocks, channels), np.uint8)
+    channels = products.shape[1] // 9
+    out = np.empty((len(level.taps), channels), np.float32)
     sums = np.empty((level.stand_in.shape[1] - 1, channels), np.float32)
-    _sum_and_pool(
-        products, level.taps, level.stand_in, conv_empty, pool_empty, sums, out, winner
-    )  # fmt: skip
-    return out, winner
-
-
-def spread(gradient: Rows, winner: NDArray[np.uint8], level: Level) -> Rows:
-    """The gradient of ``sum_and_pool`` by products (R, 9 * O), from that by its result."""
-    out = np.empty((len(level.targets), 9 * gradient.shape[1]), np.float32)
-    _spread(gradient, winner, level.targets, level.stand_in.shape[1] - 1, out)
+    _sum_and_pool(products, level.taps, level.stand_in, conv_empty, pool_empty, sums, out)
     return out
 
 
 def spread_empty(
     gradient: Rows, winner: NDArray[np.uint8], level: Level, places: tuple[int, int]
 ) -> tuple[Rows, Rows]:
-    """The gradients by conv_empty and pool_empty, which have so many rows."""
+    """The gradients by conv_empty and pool_empty, which have so many rows.
+
+    ``gradient`` (B, O) is that by the pooled differences, ``winner`` which output of each block was
+    the largest.
+    """
     conv, pool = (np.zeros((n, gradient.shape[1]), np.float32) for n in places)
     _spread_empty(gradient, winner, level.stand_in, conv, pool)
     return conv, pool

@@ -42,14 +42,12 @@ class Level:
             of the block after it, row-major.
         taps: int32 (B, P * 9), the input row under tap k of a block's output s at 9 * s + k;
             -1 where nothing differs. Taps and the outputs of a block are row-major.
-        targets: int32 (R, 9), the output P * block + s that reads a row by tap k; -1 for none.
-        patches: the rows cut into patches where those are cheaper; then nobody follows taps and
-            targets, and they are empty.
+        patches: the rows cut into patches where those are cheaper; then nobody follows taps, and
+            they are empty.
     """
 
     stand_in: IntArray
     taps: IntArray
-    targets: IntArray
     patches: Patches | None = None
 
 
@@ -118,11 +116,9 @@ def _structure(
     for i in range(LEVELS):
         # Of three channels the products are the least of it.
         cut = exact and i > 0
-        taps, targets, stand_in, blocks, block_ends = _level(
-            cells, ends, size, small, pooling, not cut
-        )
+        taps, stand_in, blocks, block_ends = _level(cells, ends, size, small, pooling, not cut)
         found = patches(cells, ends, size, pooling, blocks, block_ends) if cut else None
-        levels.append(Level(stand_in, taps, targets, found))
+        levels.append(Level(stand_in, taps, found))
         cells, ends = blocks, block_ends
         size, small = size // pooling, small // pooling
     order, starts, sample = _by_cell(cells, ends, size * size)
@@ -159,8 +155,8 @@ def _level(cells, ends, size, small, pooling, taps_too):
     """The arrays of a Level on a map of ``size``, whose rows that may differ lie at ``cells``.
 
     ``ends`` (N,) of each sample's rows, ``small`` cells per side of the stand-in. Returns (taps,
-    targets, stand_in, cells of the blocks, ends of each sample's blocks); without ``taps_too`` the
-    first two are empty.
+    stand_in, cells of the blocks, ends of each sample's blocks); without ``taps_too`` there are no
+    taps.
     """
     half, small_half = size // pooling, small // pooling
     outputs = pooling * pooling
@@ -169,7 +165,6 @@ def _level(cells, ends, size, small, pooling, taps_too):
     most = rows * (4 if pooling == 2 else 9)
     row_at = np.full((size, size), -1, np.int32)
     block_at = np.full((half, half), -1, np.int32)
-    targets = np.empty((rows if taps_too else 0, 9), np.int32)
     taps = np.empty((most if taps_too else 0, 9 * outputs), np.int32)
     stand_in = np.empty((most, outputs + 1), np.int32)
     blocks = np.empty(most, np.int32)
@@ -183,17 +178,12 @@ def _level(cells, ends, size, small, pooling, taps_too):
             for k in range(9):
                 yy, xx = y + 1 - k // 3, x + 1 - k % 3
                 if yy < 0 or xx < 0 or yy >= size or xx >= size:
-                    if taps_too:
-                        targets[row, k] = -1
                     continue
                 by, bx = yy // pooling, xx // pooling
                 if block_at[by, bx] < 0:
                     block_at[by, bx] = count
                     blocks[count] = by * half + bx
                     count += 1
-                if taps_too:
-                    slot = (yy - pooling * by) * pooling + xx - pooling * bx
-                    targets[row, k] = outputs * block_at[by, bx] + slot
         for block in range(first, count):
             by, bx = blocks[block] // half, blocks[block] % half
             block_at[by, bx] = -1
@@ -209,7 +199,7 @@ def _level(cells, ends, size, small, pooling, taps_too):
             row_at[cells[row] // size, cells[row] % size] = -1
         begin = ends[i]
         block_ends[i] = count
-    return taps[:count], targets, stand_in[:count], blocks[:count], block_ends
+    return taps[:count], stand_in[:count], blocks[:count], block_ends
 
 
 @kernel()
