@@ -35,7 +35,7 @@ from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_threads
-from lndrl.machine.threads import set_threads
+from lndrl.machine.threads import set_numpy_threads
 from lndrl.policy import (
     Network,
     build_policy,
@@ -109,6 +109,7 @@ class PPO:
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or usable_threads()
         self.threads = max(1, cores // 2)
+        set_numpy_threads(1)  # it multiplies small parts, many, for both networks at once
         # Always the same thread for a network: a thread's allocator fits what it did before.
         self._threads = {
             trainee: ThreadPoolExecutor(1, name, initializer=self._limit_threads)
@@ -411,8 +412,8 @@ class PPO:
             self._entropy = weight
 
     def _limit_threads(self) -> None:
-        # torch's thread count belongs to the calling thread; NumPy multiplies small parts, many.
-        set_threads(self.threads, products=1)
+        # torch's thread count belongs to the calling thread.
+        torch.set_num_threads(self.threads)
 
     def _load(self, batch: Batch) -> None:
         if self.samples.load(batch):

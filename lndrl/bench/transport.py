@@ -144,12 +144,11 @@ def _figures(arrivals: list[tuple[float, int]], steps_per_chunk: int) -> dict[st
 
 def _act(endpoint: str, certificates: Path | None) -> None:
     """The actor's process: plays one chunk, then sends it again and again until told to stop."""
-    import torch
-
     from actors.rollout import Rollout
+    from lndrl.machine.threads import set_threads
     from lndrl.policy import initial_weights
 
-    torch.set_num_threads(1)
+    set_threads(1)
     config = hybrid_config()
     rollout = Rollout(config, 0)
     rollout.load(0, initial_weights(config))

@@ -172,7 +172,7 @@ class LearnerConfig(Model):
         8, description="weight versions; samples that are older are dropped"
     )
     total_steps: Count = Field(1_200_000, description="environment steps (PAPER)")
-    threads: Threads = Field(0, description="torch threads, 0: all cores")
+    threads: Threads = Field(0, description="threads of the networks' torch, 0: all cores")
     device: str = Field("cpu", description="cpu, cuda, cuda:N, or auto: a GPU where there is one")
     precision: Literal["auto", "float32", "bfloat16"] = Field(
         "auto",
@@ -267,7 +267,7 @@ class ActorConfig(Model):
         "RunConfig.worlds_per_actor",
     )
     horizon: Count = Field(64, description="steps per chunk")
-    threads: Threads = Field(1, ge=1, description="torch threads per actor")
+    threads: Threads = Field(1, ge=1, description="threads of matrix products per actor")
     precision: Literal["float32", "bfloat16"] = Field(
         "float32", description="of the policy's products; bfloat16 pays where there is hardware"
     )

@@ -9,12 +9,14 @@ from contextlib import contextmanager
 from threadpoolctl import threadpool_limits
 
 
-def set_threads(count: int, products: int | None = None) -> None:
-    """Let products take ``count`` threads from now on; of torch those that this thread asks for.
+def set_numpy_threads(count: int) -> None:
+    """Let NumPy's products take ``count`` threads from now on, whoever asks for them."""
+    threadpool_limits(count, user_api="blas")
 
-    Those of NumPy take ``products`` where that is given.
-    """
-    threadpool_limits(products or count, user_api="blas")
+
+def set_threads(count: int) -> None:
+    """Let products take ``count`` threads from now on; of torch those that this thread asks for."""
+    set_numpy_threads(count)
     if (torch := sys.modules.get("torch")) is not None:
         torch.set_num_threads(count)
 

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Place = tuple[int, int]
+
 _LENGTH = 8  # bytes that say how long the head is
 _METADATA = "__metadata__"
 _TYPES = {
@@ -39,22 +41,23 @@ def tensors_in(blob: bytes) -> dict[str, NDArray[Any]]:
     head, start = _head(blob)
     head.pop(_METADATA, None)
     data = memoryview(blob)[start:]
-    tensors, used = {}, 0
+    tensors, places = {}, []
     for name, entry in head.items():
-        tensors[name], size = _tensor(name, entry, data)
-        used += size
-    if used != len(data):
-        raise ValueError(f"{len(data):,} bytes of tensors where its head names {used:,}")
+        tensors[name], place = _tensor(name, entry, data)
+        places.append(place)
+    if [0, *(end for _, end in sorted(places))] != [*(b for b, _ in sorted(places)), len(data)]:
+        raise ValueError("its tensors do not lie one after the other")
     return tensors
 
 
-def _tensor(name: str, entry: Any, data: memoryview) -> tuple[NDArray[Any], int]:
-    """The view that an entry of the head describes, and its size in bytes."""
+def _tensor(name: str, entry: Any, data: memoryview) -> tuple[NDArray[Any], Place]:
+    """The view that an entry of the head describes, and where it begins and ends."""
     try:
-        kind, shape = entry["dtype"], tuple(int(n) for n in entry["shape"])
-        begin, end = (int(n) for n in entry["data_offsets"])
+        kind, shape, (begin, end) = entry["dtype"], tuple(entry["shape"]), entry["data_offsets"]
     except (KeyError, TypeError, ValueError):
         raise ValueError(f"its head does not describe {name}") from None
+    if type(kind) is not str or not all(type(n) is int for n in (*shape, begin, end)):
+        raise ValueError(f"its head does not describe {name}")
     if kind not in _TYPES:
         raise ValueError(f"{name} has numbers of type {kind}")
     if not 0 <= begin <= end <= len(data) or any(n < 0 for n in shape):
@@ -62,7 +65,7 @@ def _tensor(name: str, entry: Any, data: memoryview) -> tuple[NDArray[Any], int]
     found = np.frombuffer(data[begin:end], _TYPES[kind])
     if found.size != np.prod(shape, dtype=object):
         raise ValueError(f"{name} has {found.size:,} numbers for the shape {list(shape)}")
-    return found.reshape(shape), end - begin
+    return found.reshape(shape), (begin, end)
 
 
 def _head(blob: bytes) -> tuple[dict[str, Any], int]:

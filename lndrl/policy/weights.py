@@ -85,7 +85,7 @@ def read_tensors(
         if tensor.dtype != np.float32:
             raise UserError(f"{where}: {name} is {tensor.dtype}, not float32")
         # NaN and infinity both show in the extremes, sooner than by looking one by one.
-        if not (math.isfinite(tensor.min()) and math.isfinite(tensor.max())):
+        if tensor.size and not (math.isfinite(tensor.min()) and math.isfinite(tensor.max())):
             raise UserError(f"{where}: {name} holds values that are not finite")
     return tensors
 

@@ -12,10 +12,12 @@ import torch
 from actors.actor import Actor
 from actors.laps import Laps
 from lndrl.errors import UserError
+from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.navigation import EpisodeRecord, Observation, Trajectory
 from lndrl.policy import PolicyRunner
 from lndrl.transport import MemoryNetwork
 from lndrl.transport.status import ACTOR_ACTIVITIES
+from tests.lndrl.machine.blas import blas_threads
 
 PATIENCE = 60.0  # s, for machines with much else to do
 
@@ -78,13 +80,11 @@ def test_uploads_are_numbered_and_complete(joined):
 def test_only_a_process_of_its_own_gets_the_configured_threads(
     small_config, noting_learner, network, alone
 ):
-    before = torch.get_num_threads()
-    noting_learner(small_config(actor={"threads": before + 2}), network.learner())
-    try:
+    noting_learner(small_config(actor={"threads": 3}), network.learner())
+    with kept_threads():
+        set_threads(1)
         Actor(network.actor(), alone=alone).join()
-        assert torch.get_num_threads() == before + 2 * alone
-    finally:
-        torch.set_num_threads(before)
+        assert {torch.get_num_threads()} == blas_threads() == {1 + 2 * alone}
 
 
 def test_actions_come_from_the_weights_that_the_chunk_names(joined):

@@ -70,8 +70,17 @@ class MethodsFolder(RunsFolder):
 
     def standstill(self, run: Run) -> Standstill | None:
         """Where the run's validated arrivals stopped rising, as the learner itself concludes it."""
+        config = self._resumed(run)
         curve = read_curve(self.run_path(run) / "metrics.jsonl")
-        return standstill(curve, run.config, conditions(run.config))
+        return standstill(curve, config, conditions(config))
+
+    def _resumed(self, run: Run) -> RunConfig:
+        """What the run would go on with: its own configuration, with the bench's settings."""
+        kept = self.run_path(run) / "config.yaml"
+        if not kept.is_file():
+            return run.config
+        settings = next((each.settings for each in self.methods if each.name == run.name), ())
+        return load_config(kept, list(settings))
 
     def early(self, run: Run) -> str:
         """See ``RunsFolder``."""

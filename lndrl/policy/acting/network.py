@@ -113,7 +113,7 @@ class _ScanEncoder:
         self._linear = _by_position(tensors, scan_positions(config.world.laser.beams))
 
     def __call__(self, scan: Rows) -> Rows:
-        return _relu(self._linear(self._convolve.by_position(scan).reshape(len(scan), -1)))
+        return _relu(self._linear(_joined(self._convolve.by_position(scan))))
 
 
 class _FanEncoder:
@@ -127,14 +127,15 @@ class _FanEncoder:
 
     def __call__(self, scan: Rows) -> Rows:
         samples = len(scan)
-        values = scan.reshape(samples, self._frames, -1).transpose(0, 2, 1) - np.float32(0.5)
+        beams = scan.shape[1] // self._frames
+        values = scan.reshape(samples, self._frames, beams).transpose(0, 2, 1) - np.float32(0.5)
         for weight, bias in zip(self._weights, self._biases, strict=True):
             channels = values.shape[2]
             padded = np.pad(values, ((0, 0), (1, 1), (0, 0)))
             seen = sliding_window_view(padded, len(weight) // channels, axis=1)[:, ::2]
             rows = seen.transpose(0, 1, 3, 2).reshape(-1, len(weight))
-            values = _relu(np.dot(rows, weight) + bias).reshape(samples, seen.shape[1], -1)
-        return _relu(self._linear(values.reshape(samples, -1)))
+            values = _relu(np.dot(rows, weight) + bias).reshape(samples, seen.shape[1], len(bias))
+        return _relu(self._linear(_joined(values)))
 
 
 class _MapEncoder:
@@ -207,6 +208,11 @@ def _pooled(x: Rows, pooling: int) -> Rows:
 def _as_rows(x: Rows) -> Rows:
     """(C, S, S) as (S * S, C)."""
     return np.ascontiguousarray(x.reshape(len(x), -1).T)
+
+
+def _joined(x: Rows) -> Rows:
+    """(N, positions, channels) as (N, positions * channels), of no samples, too."""
+    return x.reshape(len(x), x.shape[1] * x.shape[2])
 
 
 def _kept(x: Rows) -> Rows:

@@ -69,7 +69,7 @@ class ArrayPolicy:
 def local_policy(config: RunConfig, bfloat16: bool = False) -> LocalPolicy:
     """What evaluates ``config``'s policy on the CPU: without torch where that can be."""
     if supports_sparse(config):
-        expect(collect_many, *sparse.KERNELS)
+        expect(collect_many, *sparse.KERNELS, *(sparse.COARSE_KERNELS if bfloat16 else ()))
     if supports_arrays(config) and not bfloat16:
         return ArrayPolicy(config)
     from lndrl.policy.acting.modules import ModulePolicy

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.navigation import Observation, VectorNavigation
 from lndrl.navigation.observation import dequantise
 from lndrl.navigation.terms import as_tested
@@ -131,15 +131,12 @@ def decisions_per_second(
     """How often per second, on one core, ``session`` and ``runner`` answer one observation."""
     singles = [met.take(slice(i, i + 1)) for i in range(min(len(met), 64))]
     feeds = [feeds_for(single, runner.config) for single in singles]
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with kept_threads():
+        set_threads(1)
         return (
             _rate(lambda i: session.run([OUTPUT], feeds[i]), len(singles), seconds),
             _rate(lambda i: runner.log_probabilities(singles[i]), len(singles), seconds),
         )
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _rate(decide: Callable[[int], object], count: int, seconds: float) -> float:

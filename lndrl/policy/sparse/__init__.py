@@ -4,7 +4,7 @@ NumPy and compiled kernels alone, so that whoever only acts needs no torch; grad
 and become operations of torch in ``lndrl.policy.gradients``.
 """
 
-from lndrl.policy.sparse import cells, convolution, first, patches, scan, structure
+from lndrl.policy.sparse import cells, convolution, first, patches, rows, scan, structure
 from lndrl.policy.sparse.structure import (
     LEVELS,
     STAND_IN,
@@ -19,8 +19,11 @@ KERNELS = (
     *scan.KERNELS,
 )  # fmt: skip
 """What acting calls from Python."""
+COARSE_KERNELS = (*rows.KERNELS, *scan.COARSE_KERNELS)
+"""What acting in bfloat16 calls beside these."""
 
 __all__ = [
+    "COARSE_KERNELS",
     "KERNELS",
     "LEVELS",
     "STAND_IN",

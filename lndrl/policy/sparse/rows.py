@@ -91,3 +91,7 @@ def spread_empty(
     conv, pool = (np.zeros((n, gradient.shape[1]), np.float32) for n in places)
     _spread_empty(gradient, winner, level.stand_in, conv, pool)
     return conv, pool
+
+
+KERNELS = (_sum_and_pool,)
+"""What acting in bfloat16 calls from Python."""

@@ -159,3 +159,5 @@ class ScanConvolutions:
 
 KERNELS = (_windows,)
 """What acting calls from Python."""
+COARSE_KERNELS = (_relu_by_channel,)
+"""What acting by torch calls beside these."""

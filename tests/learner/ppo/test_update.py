@@ -14,8 +14,10 @@ from learner.ppo.adam import Adam
 from learner.ppo.batch import assemble, batch_advantages, learning_reward
 from learner.ppo.losses import policy_loss
 from learner.ppo.update import PPO, DivergedError
+from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.policy import prepare
 from tests.learner.helpers_learner import random_trajectory, small_config
+from tests.lndrl.machine.blas import blas_threads
 
 
 @pytest.fixture
@@ -29,6 +31,14 @@ def ppo():
     yield make
     for each in made:
         each.close()
+
+
+def test_parts_are_multiplied_by_one_thread_each(ppo) -> None:
+    """Both networks multiply hundreds of small parts at once; more threads would only wait."""
+    with kept_threads():
+        set_threads(2)
+        ppo()
+        assert blas_threads() == {1}
 
 
 def bandit_batch(ppo: PPO, good: int):

@@ -19,11 +19,13 @@ from lndrl.evaluation import (
 )
 from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.evaluation.tables import describe
+from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.navigation import EpisodeRecord, Navigation, Observation, action_table
 from lndrl.navigation.families import Family, episode_of
 from lndrl.planners import PlannerSource, make_planner, planner_source
 from lndrl.policy import initial_weights, load_into, policy_metadata, to_bytes
 from lndrl.policy.networks import build_policy
+from tests.lndrl.machine.blas import blas_threads
 
 EPISODES = BLOCK + 3
 
@@ -89,13 +91,12 @@ def test_records_are_in_episode_order_and_complete(sampled: EvaluationResult) ->
 
 
 def test_threads_are_given_back(config: RunConfig, learned: PlannerSource) -> None:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
-        evaluate(learned, config, 1)
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
+    meanwhile: list[set[int]] = []
+    with kept_threads():
+        set_threads(2)
+        evaluate(learned, config, 1, progress=lambda _: meanwhile.append(blas_threads()))
+        assert {torch.get_num_threads()} == blas_threads() == {2}
+    assert meanwhile == [{1}], "sums rounded alike need as many threads everywhere"
 
 
 def test_every_planner_faces_the_same_episodes(config: RunConfig) -> None:

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import torch
-from threadpoolctl import threadpool_info
 
 from lndrl.machine.threads import kept_threads, set_threads
-
-
-def blas_threads() -> set[int]:
-    return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+from tests.lndrl.machine.blas import blas_threads
 
 
 def test_numpy_and_torch_get_as_many_and_then_their_own_back() -> None:

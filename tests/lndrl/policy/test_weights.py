@@ -24,10 +24,11 @@ CONFIG = make_config(map_channels=(4, 4, 4), features=16, goal_features=4)
 
 
 def test_weights_that_are_not_finite_are_refused() -> None:
-    network = built_in(build_policy(CONFIG))
-    network.head.weight.data[0, 0] = float("nan")
-    with pytest.raises(UserError, match=r"head\.weight.*not finite"):
-        load_into(build_policy(CONFIG), to_bytes(network))
+    for odd in ("nan", "inf", "-inf"):
+        network = built_in(build_policy(CONFIG))
+        network.head.weight.data[0, 0] = float(odd)
+        with pytest.raises(UserError, match=r"head\.weight.*not finite"):
+            load_into(build_policy(CONFIG), to_bytes(network))
 
 
 def saved(folder: Path, steps: int, **more: str) -> bytes:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from lndrl.config import load_config
+from lndrl.config import RunConfig, load_config
 from lndrl.curve import conditions
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark import (
@@ -201,9 +201,27 @@ def test_a_run_whose_arrivals_no_longer_rise_is_finished(configs: Path) -> None:
     assert jobs(plan(configs))["one"] == "resume"
 
 
-def validate(folder: MethodsFolder, run: MethodRun, *arrived: int) -> None:
+def test_a_run_is_finished_by_its_own_rule_where_the_bench_has_none(configs: Path) -> None:
+    """As the learner concludes it when it is resumed: by what stands in the run's folder."""
+    folder = plan(configs)
+    write_run(folder, "one", 600)
+    (run, _) = folder.methods
+    kept = folder.run_path(run) / "config.yaml"
+    data = yaml.safe_load(kept.read_text())
+    data["learner"] |= {"validation_episodes": 20, "patience": 300}
+    kept.write_text(yaml.safe_dump(data))
+    validate(folder, run, 10, 18, 10, 10, 8, config=load_config(kept))
+    assert jobs(folder)["one"] is None and folder.early(run)
+    data["learner"]["patience"] = 0
+    kept.write_text(yaml.safe_dump(data))
+    assert jobs(folder)["one"] == "resume"
+
+
+def validate(
+    folder: MethodsFolder, run: MethodRun, *arrived: int, config: RunConfig | None = None
+) -> None:
     """Add what an evaluator found of versions 1, 2 ..., a hundred steps each."""
-    under = conditions(run.config)
+    under = conditions(config or run.config)
     lines = []
     for version, each in enumerate(arrived, 1):
         counts = {"episodes": 20, "arrived": each, "collided": 20 - each,
