@@ -157,7 +157,7 @@ def planner_source(
             f"{spec}: no such run folder or weights file; give one, {SHIPPED_POLICY}, "
             f"{' or '.join(planner_names())}, or module:Class for a planner of your own"
         )
-    from lndrl.policy import read_policy  # torch: takes seconds, and rules need none of it
+    from lndrl.policy import read_policy  # whose kernels rules do without
 
     found = read_policy(spec, checkpoint)
     if shield is not None:

@@ -27,7 +27,7 @@ def metadata_in(blob: bytes) -> dict[str, str]:
 
     Raises ValueError for what is no such blob.
     """
-    said = _head(blob)[0].get(_METADATA) or {}
+    said = head_in(blob)[0].get(_METADATA) or {}
     if not isinstance(said, dict) or not all(isinstance(each, str) for each in said.values()):
         raise ValueError("its metadata are no strings by name")
     return said
@@ -38,7 +38,7 @@ def tensors_in(blob: bytes) -> dict[str, NDArray[Any]]:
 
     Raises ValueError for what is no safetensors blob, and for types that NumPy does not have.
     """
-    head, start = _head(blob)
+    head, start = head_in(blob)
     head.pop(_METADATA, None)
     data = memoryview(blob)[start:]
     tensors, places = {}, []
@@ -68,8 +68,11 @@ def _tensor(name: str, entry: Any, data: memoryview) -> tuple[NDArray[Any], Plac
     return found.reshape(shape), (begin, end)
 
 
-def _head(blob: bytes) -> tuple[dict[str, Any], int]:
-    """What stands in the head (its length in 8 bytes, then JSON), and where tensors begin."""
+def head_in(blob: bytes) -> tuple[dict[str, Any], int]:
+    """What stands in the head (its length in 8 bytes, then JSON), and where tensors begin.
+
+    Raises ValueError for what is no safetensors blob.
+    """
     start = _LENGTH + int.from_bytes(blob[:_LENGTH], "little")
     if len(blob) < _LENGTH or start > len(blob):
         raise ValueError("its head is cut off")

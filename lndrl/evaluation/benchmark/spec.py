@@ -271,7 +271,7 @@ def contenders(
 def _check_layout(source: PlannerSource, file: Path | None, training: Sequence[str]) -> None:
     if source.config is None:
         return
-    from lndrl.policy import check_layout  # torch: takes seconds, and rules need none of it
+    from lndrl.policy import check_layout  # whose kernels a table does without
 
     if file is not None:
         check_layout(source.name, source.config, load_config(file, list(training)), shown(file))

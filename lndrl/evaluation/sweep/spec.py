@@ -132,7 +132,7 @@ class Sweep:
         if start is None:
             return
         if start == SHIPPED_POLICY or Path(start).is_file():
-            from lndrl.policy import read_policy  # brings torch along
+            from lndrl.policy import read_policy  # brings kernels along
 
             read_policy(start)
             return

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors.numpy import save as save_tensors
 
 from lndrl.errors import UserError
-from lndrl.policy.blob import tensors_in
+from lndrl.policy.blob import head_in, tensors_in
 
 SHIPPED_FILE = Path(__file__).resolve().with_name("policy.safetensors")
 """Where an installed program has its policy."""
@@ -62,11 +62,10 @@ def _saved(tensors: dict[str, NDArray[Any]], metadata: Mapping[str, str]) -> byt
     The library writes metadata in any order, and results are known by the digest of the weights.
     """
     blob = save_tensors(tensors)
-    size = int.from_bytes(blob[:8], "little")
-    head = json.loads(blob[8 : 8 + size])
+    head, start = head_in(blob)
     text = json.dumps({"__metadata__": dict(sorted(metadata.items())), **head}).encode()
     text += b" " * (-len(text) % 8)  # tensors begin at a multiple of 8 bytes
-    return len(text).to_bytes(8, "little") + text + blob[8 + size :]
+    return len(text).to_bytes(8, "little") + text + blob[start:]
 
 
 def parameters_in(blob: bytes) -> int:
