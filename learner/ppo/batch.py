@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from learner.ppo.advantages import generalized_advantages
 from learner.ppo.rollout_store import RolloutStore
-from lndrl.config import PPOConfig
+from lndrl.config import PPOConfig, RunConfig
 from lndrl.navigation import Observation, Trajectory
+from lndrl.navigation.privileged.floats import GOAL_UNIT, NAMES
+
+_TRUE_GOAL = [NAMES.index("goal_x"), NAMES.index("goal_y")]
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,17 @@ def batch_advantages(
     value: NDArray[np.float32],
     final_value: NDArray[np.float32],
     ppo: PPOConfig,
+    per_metre: float = 0.0,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Advantages and value targets (N,) from values (N,) and final values (F,)."""
+    """Advantages (N,) and the value network's targets (N,) from what it says: (N,), finals (F,).
+
+    With ``per_metre`` (see ``way_value``) a state is worth that per metre to the goal, and what the
+    network says beside it.
+    """
+    way = way_to_goal(batch.observation, batch.privileged) * np.float32(per_metre)
+    value = value + way
+    ahead = way_to_goal(batch.final_observation, batch.final_privileged)
+    final_value = final_value + ahead * np.float32(per_metre)
     advantage, target = np.empty_like(value), np.empty_like(value)
     at_cuts = np.zeros_like(value)
     firsts = np.cumsum([0, *(t.action.size for t in batch.trajectories)])
@@ -82,7 +94,28 @@ def batch_advantages(
         for whole, result in zip((advantage, target), results, strict=True):
             for r, columns in zip(rows, np.split(result, borders, axis=1), strict=True):
                 whole[r] = columns.reshape(-1)
-    return advantage, target
+    return advantage, target - way
+
+
+def way_value(config: RunConfig) -> float:
+    """What values hold per metre to the goal beside the network's; 0 without ``ppo.way_value``.
+
+    The approach reward pays it for every metre, so nearly all that a state far from the goal is
+    worth is known without a network, whose error would grow with it.
+    """
+    return config.task.reward.approach * config.ppo.reward_scale if config.ppo.way_value else 0.0
+
+
+def way_to_goal(
+    observation: Observation, privileged: NDArray[np.float32] | None
+) -> NDArray[np.float32]:
+    """Metres to the goal (N,): the true ones where the critic may know them, else the believed."""
+    if privileged is None:
+        goal = observation.goal[:, :2]
+    else:
+        squashed = privileged[:, _TRUE_GOAL].astype(np.float64)
+        goal = np.sign(squashed) * np.expm1(np.abs(squashed)) * GOAL_UNIT
+    return np.hypot(goal[:, 0], goal[:, 1]).astype(np.float32)
 
 
 def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:

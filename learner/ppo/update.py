@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from learner.ppo.average import Average
-from learner.ppo.batch import Batch, batch_advantages
+from learner.ppo.batch import Batch, batch_advantages, way_value
 from learner.ppo.example.lessons import Lessons
 from learner.ppo.example.stage import Stage
 from learner.ppo.losses import (
@@ -89,6 +89,7 @@ class PPO:
         self._stage = Stage()
         self._hold = torch.zeros(2, device=self.device)  # temperature and KL weight, see Stage
         self.lessons = Lessons(config) if taught else None
+        self._per_metre = way_value(config)
         self._actor = self._trainee(
             self.policy, config.ppo.actor_learning_rate, self._policy_loss, self._figures
         )
@@ -177,7 +178,7 @@ class PPO:
         if self.lessons is not None and self._stage.phase == IMITATION:
             return self._imitate(batch, self.lessons)
         proximal, value, final_value = self._forward(batch)
-        advantage, target = batch_advantages(batch, value, final_value, ppo)
+        advantage, target = batch_advantages(batch, value, final_value, ppo, self._per_metre)
         variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
         if ppo.normalize_advantages:
             advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
@@ -204,7 +205,7 @@ class PPO:
         self.policy_optimizer.rate = rate
         lessons.add(batch)
         _, value, final_value = self._forward(batch)
-        _, target = batch_advantages(batch, value, final_value, ppo)
+        _, target = batch_advantages(batch, value, final_value, ppo, self._per_metre)
         variance = explained_variance(torch.from_numpy(value), torch.from_numpy(target))
         self.samples.set_goals(torch.zeros(len(batch)), np.zeros_like(target), target)
         self._actor.begin(self._lesson.inputs)

@@ -139,6 +139,12 @@ class PPOConfig(Model):
     reward_limit: Positive | None = Field(
         None, description="scaled rewards, clipped to +- this; a belief that jumps costs k_p per m"
     )
+    way_value: Annotated[bool, LATER] = Field(
+        False,
+        description="values are the value network's plus what the way to the goal pays, "
+        "task.reward.approach per metre: the network learns only what comes beside; for a gamma "
+        "near 1",
+    )
     bootstrap_truncated: bool = Field(True, description="else a timeout is an end (GROUP)")
     max_importance: Positive = Field(
         10.0, description="most that an older policy's sample is weighted"

@@ -11,10 +11,18 @@ import pytest
 import torch
 
 from learner.ppo.adam import Adam
-from learner.ppo.batch import assemble, batch_advantages, learning_reward
+from learner.ppo.batch import (
+    assemble,
+    batch_advantages,
+    learning_reward,
+    way_to_goal,
+    way_value,
+)
 from learner.ppo.losses import policy_loss
 from learner.ppo.update import PPO, DivergedError
 from lndrl.machine.threads import kept_threads, set_threads
+from lndrl.navigation import Observation
+from lndrl.navigation.privileged.floats import GOAL_UNIT, NAMES
 from lndrl.policy import prepare
 from tests.learner.helpers_learner import random_trajectory, small_config
 from tests.lndrl.machine.blas import blas_threads
@@ -239,6 +247,42 @@ def test_batch_advantages_go_chunk_by_chunk() -> None:
     alone, _ = batch_advantages(assemble(chunks[1:]), value[half:], final[cut:], config.ppo)
     np.testing.assert_array_equal(advantage[half:], alone)
     np.testing.assert_allclose(target, advantage + value, rtol=1e-5)
+
+
+@pytest.mark.parametrize("knows", [False, True])
+def test_what_the_way_pays_may_stand_beside_the_network(knows: bool) -> None:
+    """Advantages are the same, whoever of the two says what a state is worth."""
+    config = small_config(
+        ppo={"way_value": True, "gamma": 0.998}, learner={"privileged_critic": knows}
+    )
+    batch = assemble([random_trajectory(config, seed) for seed in (7, 8)])
+    rng = np.random.default_rng(0)
+    value = rng.normal(size=len(batch)).astype(np.float32)
+    final = rng.normal(size=len(batch.final_observation)).astype(np.float32)
+    per_metre = way_value(config)
+    assert per_metre == pytest.approx(0.01 * config.task.reward.approach)
+    way = per_metre * way_to_goal(batch.observation, batch.privileged)
+    ahead = per_metre * way_to_goal(batch.final_observation, batch.final_privileged)
+    together, whole = batch_advantages(batch, value + way, final + ahead, config.ppo)
+    beside, rest = batch_advantages(batch, value, final, config.ppo, per_metre)
+    np.testing.assert_allclose(beside, together, atol=1e-4)
+    np.testing.assert_allclose(rest + way, whole, atol=1e-4)
+    assert way.min() > 0.0
+    off = config.model_copy(update={"ppo": config.ppo.model_copy(update={"way_value": False})})
+    assert way_value(off) == 0.0
+
+
+def test_the_way_is_the_true_one_where_the_critic_may_know_it() -> None:
+    """As the actors' kernel squashes it; else the way that the robot believes in."""
+    observation = Observation.zeros(2)
+    observation.goal[:, :2] = [[3.0, 4.0], [0.0, -0.5]]
+    np.testing.assert_allclose(way_to_goal(observation, None), [5.0, 0.5])
+    known = np.zeros((2, len(NAMES)), np.float32)
+    true = np.array([[-6.0, 8.0], [0.3, 0.0]])
+    known[:, [NAMES.index("goal_x"), NAMES.index("goal_y")]] = np.sign(true) * np.log1p(
+        np.abs(true) / GOAL_UNIT
+    )
+    np.testing.assert_allclose(way_to_goal(observation, known), [10.0, 0.3], rtol=1e-5)
 
 
 def test_chunks_of_different_lengths_may_be_mixed() -> None:
