@@ -40,6 +40,8 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
                 "no_reward",
                 "no_variance",
                 "reward_alone",
+                "table-alone",
+                "table-careful",
                 "table-lndrl",
             },
         ),

@@ -19,8 +19,8 @@ def test_a_methods_configuration_is_named_by_it_or_like_it_or_by_who_shares_its_
         **{name: name for name in ("drl_laser_ped-alone", "paper")},
         **{name: "table-lndrl" for name in ("lndrl", "lndrl+shield", "oracle")},
         **{name: "table-lndrl" for name in ("lndrl-seed2", "lndrl-seed3")},
-        "lndrl-alone": "reward_alone",
-        "lndrl-careful": "lndrl",
+        "lndrl-alone": "table-alone",
+        "lndrl-careful": "table-careful",
     }
     seeds = {name: bench.seed_of(name) for name in bench.methods}
     assert {name: seed for name, seed in seeds.items() if seed is not None} == {
