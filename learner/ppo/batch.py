@@ -110,11 +110,9 @@ def way_to_goal(
     observation: Observation, privileged: NDArray[np.float32] | None
 ) -> NDArray[np.float32]:
     """Metres to the goal (N,): the true ones where the critic may know them, else the believed."""
-    if privileged is None:
-        goal = observation.goal[:, :2]
-    else:
-        squashed = privileged[:, _TRUE_GOAL].astype(np.float64)
-        goal = np.sign(squashed) * np.expm1(np.abs(squashed)) * GOAL_UNIT
+    goal = observation.goal[:, :2].astype(np.float64)
+    if privileged is not None:
+        goal = np.expm1(np.abs(privileged[:, _TRUE_GOAL].astype(np.float64))) * GOAL_UNIT
     return np.hypot(goal[:, 0], goal[:, 1]).astype(np.float32)
 
 
