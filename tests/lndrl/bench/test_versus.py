@@ -172,6 +172,8 @@ def test_options_that_do_not_go_together(
 
 
 def test_settings_reach_what_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--seconds", "0.01", "--set", "ppo.minibatch_size=64", "--set", "ppo.batch_size=256"]
+    tiny = ["network.map_channels=[4,4,8]", "network.features=16", "network.goal_features=8"]
+    settings = ["ppo.minibatch_size=64", "ppo.batch_size=256", *tiny]
+    options = ["--seconds", "0.01", *(part for each in settings for part in ("--set", each))]
     assert run(["bench", "learner", "--json", *options]) == 0
     assert json.loads(capsys.readouterr().out)["minibatch_size"] == 64
