@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pty
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import chdir, closing, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,10 @@ import pytest
 import yaml
 
 from lndrl.chaos.stage import descendants, is_worker, lives
-from lndrl.transport import free_endpoint
+from lndrl.cli.main import run
+from lndrl.config import TransportConfig
+from lndrl.machine.threads import kept_threads
+from lndrl.transport import free_endpoint, open_learner
 
 PATIENCE = 600.0  # s; compiling on a busy machine takes long
 LNDRL = [sys.executable, "-m", "lndrl"]
@@ -37,7 +42,7 @@ SMALL: dict[str, Any] = {
     "scenario": "hybrid",
     "network": {"map_channels": [4, 4, 8], "features": 16, "goal_features": 8},
     "ppo": {"batch_size": 64, "minibatch_size": 32, "epochs": 1},
-    "learner": {"total_steps": 1_000_000, "checkpoint_interval": 2, "threads": 2},
+    "learner": {"total_steps": 1_000_000, "checkpoint_interval": 2, "threads": 1},
     "actor": {"count": 1, "worlds": 2, "horizon": 16},
     "localization": {"min_particles": 100, "max_particles": 200},
 }
@@ -104,6 +109,16 @@ class Desk:
         os.close(terminal.inside)
         self.processes.append(process)
         return process, terminal
+
+    def call(self, *arguments: str) -> tuple[int, str, str]:
+        """The same in this process, which has torch already: exit code, output, errors.
+
+        For commands of which no test here asks what becomes of their process.
+        """
+        out, errors = io.StringIO(), io.StringIO()
+        with chdir(self.folder), kept_threads(), redirect_stdout(out), redirect_stderr(errors):
+            code = run(list(arguments))
+        return code, out.getvalue(), errors.getvalue()
 
     def log(self, process: subprocess.Popen[str]) -> str:
         return (self.folder / f"log-{self.processes.index(process)}").read_text()
@@ -193,10 +208,9 @@ def test_a_closed_terminal_leaves_a_checkpoint_and_no_process(desk: Desk) -> Non
     command = ("train", "small.yaml", "--listen", desk.endpoint, "--run", "a")
     run, terminal = desk.start_in_terminal(*command)
     desk.wait("updates", lambda: terminal.read() and len(desk.rows()) >= 2)
-    second = desk.start("learner", "--run", "a", "--resume", "--listen", free_endpoint())
-    desk.wait("a refusal", lambda: terminal.read() and second.poll() is not None)
-    assert second.returncode == 2
-    (line,) = desk.log(second).splitlines()
+    code, _, said = desk.call("learner", "--run", "a", "--resume", "--listen", free_endpoint())
+    assert code == 2
+    (line,) = said.splitlines()
     host = socket.gethostname()
     assert f"runs/a: a learner is still at work there, process {run.pid} on {host} (" in line
     family = descendants(run.pid)
@@ -221,13 +235,31 @@ def test_nohup_goes_on_without_a_terminal(desk: Desk) -> None:
     assert log.endswith("-m lndrl train small.yaml --serial --run a --resume\n")
 
 
-def test_serial_runs_repeat_byte_for_byte_apart_from_times(desk: Desk) -> None:
-    for run in ("a", "b"):
-        process = desk.start("train", "small.yaml", "--serial", "--steps", "256", "--run", run)
+def train_serially(desk: Desk, name: str, *options: str, own_process: bool = True) -> None:
+    command = ("train", "small.yaml", "--serial", "--steps", "256", "--run", name, *options)
+    if own_process:
+        process = desk.start(*command)
         assert process.wait(timeout=PATIENCE) == 0, desk.log(process)
+    else:
+        code, _, errors = desk.call(*command)
+        assert code == 0, errors
+
+
+@pytest.fixture(scope="module")
+def serial(tmp_path_factory: pytest.TempPathFactory) -> Desk:
+    """Serial runs ``plain`` and ``validated``, and ``again`` in a process that did much before."""
+    desk = Desk(tmp_path_factory.mktemp("serial"))
+    for name, episodes in (("plain", 0), ("validated", 3)):
+        options = ("--set", f"learner.validation_episodes={episodes}", "task.time_limit=10")
+        train_serially(desk, name, *options)
+        train_serially(desk, f"{name}-again", *options, own_process=False)
+    return desk
+
+
+def test_serial_runs_repeat_byte_for_byte_apart_from_times(serial: Desk) -> None:
     texts = []
-    for run in ("a", "b"):
-        rows = desk.rows(run)
+    for name in ("plain", "plain-again"):
+        rows = serial.rows(name)
         assert len(rows) == 4
         for row in rows:
             del row["time"]
@@ -235,29 +267,23 @@ def test_serial_runs_repeat_byte_for_byte_apart_from_times(desk: Desk) -> None:
     assert texts[0] == texts[1]
 
 
-def test_serial_validation_repeats_and_changes_nothing_of_training(desk: Desk) -> None:
-    runs = {"a": 3, "b": 3, "c": 0}
-    for run, episodes in runs.items():
-        validates = ["--set", f"learner.validation_episodes={episodes}", "task.time_limit=10"]
-        process = desk.start(
-            "train", "small.yaml", "--serial", "--steps", "256", "--run", run, *validates
-        )
-        assert process.wait(timeout=PATIENCE) == 0, desk.log(process)
-    trained, validated = {}, {}
-    for run in runs:
-        rows = desk.rows(run)
+def test_serial_validation_repeats_and_changes_nothing_of_training(serial: Desk) -> None:
+    runs = ("validated", "validated-again", "plain")
+    trained, validated = [], []
+    for name in runs:
+        rows = serial.rows(name)
         found = [row["validation"] for row in rows if "validation" in row]
-        trained[run] = [{**row, "time": None} for row in rows if "validation" not in row]
+        trained.append([{**row, "time": None} for row in rows if "validation" not in row])
         untimed = {"unix": None, "elapsed": None, "seconds": None}
-        validated[run] = [{**row, **untimed} for row in found]
-    assert trained["a"] == trained["b"] == trained["c"] and len(trained["a"]) == 4
-    assert validated["a"] == validated["b"] and validated["c"] == []
-    assert [row["version"] for row in validated["a"]] == [2, 4], "after every second update"
-    checkpoints = {run: desk.folder / "runs" / run / "checkpoints" for run in runs}
+        validated.append([{**row, **untimed} for row in found])
+    assert trained[0] == trained[1] == trained[2] and len(trained[0]) == 4
+    assert validated[0] == validated[1] and validated[2] == []
+    assert [row["version"] for row in validated[0]] == [2, 4], "after every second update"
+    checkpoints = [serial.folder / "runs" / name / "checkpoints" for name in runs]
     # The tensors: the library writes the entries of the head's metadata in any order.
-    blobs = [(checkpoints[run] / "best/policy.safetensors").read_bytes() for run in "ab"]
+    blobs = [(folder / "best/policy.safetensors").read_bytes() for folder in checkpoints[:2]]
     best = [blob[8 + int.from_bytes(blob[:8], "little") :] for blob in blobs]
-    assert best[0] == best[1] and not (checkpoints["c"] / "best").exists()
+    assert best[0] == best[1] and not (checkpoints[2] / "best").exists()
 
 
 def test_training_is_validated_and_what_did_best_is_what_is_tested(desk: Desk) -> None:
@@ -281,16 +307,15 @@ def test_training_is_validated_and_what_did_best_is_what_is_tested(desk: Desk) -
         ([], f"runs/a: best checkpoint, step {step:,}, "),
         (["--checkpoint", "newest"], "runs/a: newest checkpoint, step "),
     ):
-        tested = desk.start("evaluate", "runs/a", "--episodes", "1", "--workers", "0", *options)
-        assert tested.wait(timeout=PATIENCE) == 0, desk.log(tested)
-        assert expected in desk.log(tested)
+        tested = ["evaluate", "runs/a", "--episodes", "1", "--workers", "0", *options]
+        code, out, errors = desk.call(*tested)
+        assert code == 0 and expected in out + errors, out + errors
 
 
 def test_a_busy_port_is_one_sentence_and_leaves_no_folder(desk: Desk) -> None:
-    first = desk.start("learner", "small.yaml", "--listen", desk.endpoint, "--run", "a")
-    desk.wait("port", lambda: "[listen]" in desk.log(first))
-    second = desk.start("learner", "small.yaml", "--listen", desk.endpoint, "--run", "b")
-    assert second.wait(timeout=PATIENCE) == 2
+    with closing(open_learner(TransportConfig(endpoint=desk.endpoint))):
+        second = desk.start("learner", "small.yaml", "--listen", desk.endpoint, "--run", "b")
+        assert second.wait(timeout=PATIENCE) == 2
     assert len(desk.log(second).strip().splitlines()) == 1
     assert "in use" in desk.log(second)
     assert not (desk.folder / "runs/b").exists()
@@ -313,9 +338,9 @@ def test_a_ros_map_of_a_building_trains(desk: Desk) -> None:
     (desk.folder / "place.yaml").write_text("name: place\nkind: map\nmap: building.yaml\n")
     small = {**SMALL, "scenario": "place.yaml"}
     (desk.folder / "small.yaml").write_text(yaml.safe_dump(small))
-    training = desk.start("train", "small.yaml", "--serial", "--steps", "5000", "--run", "a")
-    desk.wait("5,000 steps", lambda: training.poll() is not None)
+    training = desk.start("train", "small.yaml", "--serial", "--steps", "1500", "--run", "a")
+    desk.wait("1,500 steps", lambda: training.poll() is not None)
     assert training.returncode == 0, desk.log(training)
     rows = desk.rows()
-    assert rows[-1]["steps"] >= 5000
+    assert rows[-1]["steps"] >= 1500
     assert list((desk.folder / "runs" / "a" / "checkpoints").iterdir())

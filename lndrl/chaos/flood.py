@@ -24,7 +24,7 @@ from typing import Any
 from lndrl.chaos.forged import forged_hello
 from lndrl.chaos.messages import Forger, Malformed
 from lndrl.chaos.stage import wait_for
-from lndrl.chaos.turns import Flood, durations
+from lndrl.chaos.turns import CALM, Flood, durations
 from lndrl.config import TransportConfig, parse_config
 from lndrl.errors import UserError
 from lndrl.machine.signals import stop_handler
@@ -43,6 +43,8 @@ OPEN_QUERIES = 16  # of a session, whose answers it has yet to read
 ANSWER_SECONDS = 5.0
 MOST_ANSWERS = 64  # to one query: a key with wildcards asks everything that the learner answers
 PATIENCE = 60.0
+CONNECT_WITHIN = 10.0
+"""s after which no learner answers."""
 LOWEST = 19
 
 
@@ -77,13 +79,15 @@ class Sent:
 class Sender:
     """One session and its forger."""
 
-    def __init__(self, endpoint: str, seed: int, count: int, rate: float, stop: Event) -> None:
+    def __init__(
+        self, endpoint: str, seed: int, count: int, rate: float, stop: Event, within: float
+    ) -> None:
         self.sent = Sent()
         self._count, self._rate, self._stop = count, rate, stop
         self._open_queries: deque[tuple[Malformed, Any]] = deque()
         try:
             config = TransportConfig(endpoint=endpoint)
-            self._session: ZenohSession = open_connecting(endpoint, config, 10.0)
+            self._session: ZenohSession = open_connecting(endpoint, config, within)
         except UnreachableError:
             raise UserError(f"no learner answers at {endpoint}") from None
         self._forger = self._introduced(seed)
@@ -156,23 +160,33 @@ class Sender:
             self.sent.taken.append(f"{message.kind}, {message.what}: {answer}")
 
 
-def run_floods(endpoint: str, seed: int, count: int, rate: float, stop: Event, tell: Any) -> None:
+def run_floods(
+    endpoint: str,
+    seed: int,
+    count: int,
+    rate: float,
+    stop: Event,
+    tell: Any,
+    calm: tuple[float, float] = CALM,
+    within: float = CONNECT_WITHIN,
+) -> None:
     """Calm and flood in turns until ``count`` messages went; ``tell`` hears a Sent after each.
 
-    ``rate``: messages per s of flood, all sessions together. The first Sent, with nothing in it,
-    says that the first calm begins. Raises UserError where no learner answers.
+    ``rate``: messages per s of flood, all sessions together; ``calm``: s of one, least and most.
+    The first Sent, with nothing in it, says that the first calm begins. Raises UserError where no
+    learner answers ``within`` s.
     """
     shares = [count // SESSIONS + (number < count % SESSIONS) for number in range(SESSIONS)]
     senders: list[Sender] = []
     try:
         for number, share in enumerate(shares):
             name = seed * SESSIONS + number
-            senders.append(Sender(endpoint, name, share, rate / SESSIONS, stop))
+            senders.append(Sender(endpoint, name, share, rate / SESSIONS, stop, within))
         floods: list[Flood] = []
         tell(_together(senders, floods))
         with ThreadPoolExecutor(SESSIONS) as pool:
-            for calm, wild in durations(seed):
-                if stop.wait(calm):
+            for pause, wild in durations(seed, calm):
+                if stop.wait(pause):
                     return
                 before = sum(sender.sent.count for sender in senders)
                 began = time.monotonic()
@@ -223,6 +237,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--rate", type=float, default=250.0)
+    parser.add_argument("--calm", type=float, nargs=2, default=CALM, metavar=("LEAST", "MOST"))
+    parser.add_argument("--within", type=float, default=CONNECT_WITHIN)
     options = parser.parse_args(arguments)
     _step_back()
     stop = Event()
@@ -232,7 +248,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     try:
         with stop_handler(lambda *_: stop.set()):
-            run_floods(options.connect, options.seed, options.count, options.rate, stop, tell)
+            run_floods(
+                options.connect, options.seed, options.count, options.rate, stop, tell,
+                tuple(options.calm), options.within,
+            )  # fmt: skip
     except (UserError, TimeoutError) as error:
         print(error, file=sys.stderr)
         return 2

@@ -16,7 +16,7 @@ from rich import box
 from rich.table import Table
 
 from lndrl.chaos.files import FileFindings, fuzz_files
-from lndrl.chaos.flood import Sent
+from lndrl.chaos.flood import CONNECT_WITHIN, Sent
 from lndrl.chaos.ledger import LearnerBook, files_of, lines_of
 from lndrl.chaos.monitor import Monitor, Tail, cpu_seconds
 from lndrl.chaos.run import start
@@ -173,7 +173,8 @@ class _Watch:
     def run(self, count: int, seed: int, rate: float) -> None:
         """From the first calm to the last; ends early when the learner does."""
         command = ["lndrl.chaos.flood", "--connect", self._stage.endpoint, "--seed", str(seed)]
-        command += ["--count", str(count), "--rate", str(rate)]
+        command += ["--count", str(count), "--rate", str(rate), "--within", str(CONNECT_WITHIN)]
+        command += ["--calm", *map(str, CALM)]
         sender = self._stage.add("flood", command)
         heard = Tail(sender.log_path)
         self._until(lambda: self._hear(heard.lines()), sender)

@@ -79,11 +79,11 @@ class Cost:
     ms_per_message: float | None = None
 
 
-def durations(seed: int) -> Iterator[tuple[float, float]]:
-    """Endless pairs of the s of a calm and of the flood after it."""
+def durations(seed: int, calm: tuple[float, float] = CALM) -> Iterator[tuple[float, float]]:
+    """Endless pairs of the s of a calm, of least and most ``calm``, and of the flood after it."""
     draw = random.Random(f"turns {seed}")
     while True:
-        yield draw.uniform(*CALM), draw.uniform(*FLOOD)
+        yield draw.uniform(*calm), draw.uniform(*FLOOD)
 
 
 def read(marks: Sequence[Mark], begin: float, end: float) -> Reading | None:

@@ -58,17 +58,17 @@ def door() -> Iterator[tuple[str, Door]]:
 
 def test_floods_come_in_turns(door, monkeypatch: pytest.MonkeyPatch) -> None:
     endpoint, handlers = door
-    monkeypatch.setattr(flood, "durations", lambda seed: repeat((1.0, 1.0)))
+    monkeypatch.setattr(flood, "durations", lambda *_: repeat((0.5, 0.5)))
     told: list[Sent] = []
-    run_floods(endpoint, 1, 150, 60.0, threading.Event(), told.append)
+    run_floods(endpoint, 1, 150, 120.0, threading.Event(), told.append)
     assert told[0] == Sent(), "the first calm begins before anything is sent"
     last = told[-1]
     assert last.count == 150 == sum(last.kinds.values())
     assert sum(one.messages for one in last.floods) == 150
-    assert len(last.floods) >= 3, "60 per second, and a second each"
+    assert len(last.floods) >= 3, "120 per second, and half a second each"
     assert all(one.begin < one.end for one in last.floods)
     for one, other in zip(last.floods, last.floods[1:], strict=False):
-        assert other.begin - one.end >= 0.9
+        assert other.begin - one.end >= 0.45
     for moment in handlers.asked:
         assert any(one.begin <= moment for one in last.floods)
     assert last.answers["refused"] > 10
@@ -82,7 +82,7 @@ def test_a_flood_ends_when_told(door, monkeypatch: pytest.MonkeyPatch) -> None:
         if sent.floods:
             stop.set()
 
-    monkeypatch.setattr(flood, "durations", lambda seed: repeat((0.1, 0.5)))
+    monkeypatch.setattr(flood, "durations", lambda *_: repeat((0.1, 0.5)))
     run_floods(door[0], 1, 10**6, 50.0, stop, tell)
     assert stop.is_set()
 
@@ -121,7 +121,10 @@ class Place:
         return fuzz._Watch(cast(Stage, self), monitor, stop, lambda line: None)
 
 
-def test_who_watches_hears_all_and_reads_the_cost(door, tmp_path: Path) -> None:
+def test_who_watches_hears_all_and_reads_the_cost(
+    door, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzz, "CALM", (2.0, 2.5))  # SETTLING, and as long again to read from
     place = Place(door[0], tmp_path)
     stop = threading.Event()
     watch = place.watch(stop)
@@ -145,7 +148,10 @@ def test_who_watches_hears_all_and_reads_the_cost(door, tmp_path: Path) -> None:
     assert found.ratio is not None and found.ms_per_message is not None
 
 
-def test_a_sender_without_a_learner_is_said(tmp_path: Path) -> None:
+def test_a_sender_without_a_learner_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fuzz, "CONNECT_WITHIN", 0.5)
     place = Place(free_endpoint(), tmp_path)
     watch = place.watch(threading.Event())
     with pytest.raises(RuntimeError, match="nothing could be sent: no learner answers"):

@@ -11,6 +11,7 @@ import yaml
 
 from lndrl.cli.main import run
 from lndrl.evaluation import sweep
+from tests.lndrl.evaluation.sweep.helpers_here import train_here
 
 SMALL = {
     "scenario": {
@@ -47,8 +48,10 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_two_methods_are_trained_once(
-    command: list[str], capsys: pytest.CaptureFixture[str]
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    # The first in a process of its own, as both are for users.
+    train_here(monkeypatch, unless=lambda training: "one" in training)
     assert run([*command, "--serial"]) == 0, capsys.readouterr().err
     out, err = capsys.readouterr()
     assert [line.partition(",")[0] for line in out.splitlines()] == [
@@ -67,8 +70,9 @@ def test_two_methods_are_trained_once(
 
 
 def test_a_method_whose_arrivals_no_longer_rise_is_done(
-    command: list[str], capsys: pytest.CaptureFixture[str]
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    train_here(monkeypatch)
     spec = Path(command[-1])
     rule = ["learner.validation_episodes=1", "learner.patience=64", "learner.checkpoint_interval=1"]
     end = ["learner.total_steps=4096", "task.time_limit=0.4", "task.arrive_distance=0.01"]

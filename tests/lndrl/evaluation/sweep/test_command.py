@@ -10,6 +10,7 @@ import pytest
 
 from lndrl.cli.main import run
 from lndrl.cli.training import sweep as command
+from tests.lndrl.evaluation.sweep.helpers_here import train_here
 from tests.lndrl.evaluation.sweep.helpers_sweep import sweep_file
 
 TINY = [
@@ -31,6 +32,8 @@ def test_a_tiny_sweep_runs_and_is_not_run_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    # Those of the first seed side by side in processes of their own, as all are for users.
+    train_here(monkeypatch, unless=lambda command: any(name.endswith("-s1") for name in command))
     variants = {"one": {"set": ["ppo.epochs=1"], "why": "less"}}
     file = sweep_file(tmp_path, set=TINY, steps=256, serial=True, variants=variants)
     assert run(["sweep", str(file), "--parallel", "2", "--markdown", "s.md", "--json"]) == 0

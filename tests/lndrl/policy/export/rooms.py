@@ -19,6 +19,9 @@ ROOM = {
     },
     "robot": [{"start": [1, 1, 2, 5], "goal": [7, 1, 8, 5]}],
 }
+FEW = 40
+"""Observations that are enough to compare on."""
+
 SMALL = {"map_channels": [8, 8, 8], "features": 32, "goal_features": 8}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,11 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
-import torch
-from torch import nn
 
 from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.errors import UserError
 from lndrl.policy import (
     TEMPERATURE_KEY,
-    Inputs,
     PolicyRunner,
     build_policy,
     initial_weights,
@@ -29,19 +25,17 @@ from lndrl.policy import (
 )
 from lndrl.policy.export import (
     METADATA_KEY,
+    Exported,
     export,
     export_policy,
     feeds_for,
     observations_met,
     open_session,
     round_trip,
-    to_onnx,
 )
-from tests.lndrl.policy.built_in import built_in
-from tests.lndrl.policy.export.rooms import made_config, weights_of
+from tests.lndrl.policy.export.rooms import FEW, made_config, weights_of
 
 Write = Callable[..., str]
-FEW = 40
 OWN = """
     import torch
     from torch import nn
@@ -128,14 +122,11 @@ Made = tuple[onnxruntime.InferenceSession, dict[str, np.ndarray]]
 
 
 @pytest.fixture(scope="module")
-def made() -> Made:
+def made(exported: Exported) -> Made:
     """An exported policy and what it reads where somebody is in view."""
     config = made_config()
-    weights = weights_of(config)
-    network = build_policy(config)
-    load_into(network, weights)
-    session = open_session(to_onnx(config, network, "here").SerializeToString())
-    runner = runner_of(config, weights)
+    session = open_session(exported.model)
+    runner = runner_of(config, weights_of(config))
     met = observations_met(runner, FEW, seed=1)
     return session, feeds_for(met.take(met.pedestrian_count > 0), config)
 
@@ -156,37 +147,30 @@ def test_every_input_reaches_the_answer(part: str, made: Made) -> None:
     assert (np.abs(after - before).max(axis=1) > 1e-3).all()
 
 
-class Blind(nn.Module):
-    """A network that has lost one of its inputs."""
-
-    def __init__(self, network: nn.Module, lost: str) -> None:
-        super().__init__()
-        self.network, self.lost = network, lost
-
-    def forward(self, inputs: Inputs) -> torch.Tensor:
-        return self.network(replace(inputs, **{self.lost: getattr(inputs, self.lost) * 0.0}))
+def without(model: bytes, lost: str) -> onnx.ModelProto:
+    """A graph that has lost one of its inputs: it reads zeros wherever that was read."""
+    blind = onnx.load_from_string(model)
+    for node in blind.graph.node:
+        node.input[:] = ["blind" if name == lost else name for name in node.input]
+    blind.graph.initializer.append(onnx.numpy_helper.from_array(np.zeros(1, np.float32), "zero"))
+    blind.graph.node.insert(0, onnx.helper.make_node("Mul", [lost, "zero"], ["blind"]))
+    del blind.metadata_props[:]
+    return blind
 
 
 @pytest.mark.parametrize("lost", ["scan", "people", "goal"])
 def test_a_graph_that_has_lost_an_input_is_noticed(
-    lost: str, monkeypatch: pytest.MonkeyPatch
+    lost: str, monkeypatch: pytest.MonkeyPatch, first_exported: Exported
 ) -> None:
     config = made_config()
-    real = export.to_onnx
-    monkeypatch.setattr(
-        export,
-        "to_onnx",
-        lambda config, network, *rest: real(config, Blind(network, lost), *rest),  # type: ignore[arg-type]
-    )
+    monkeypatch.setattr(export, "to_onnx", lambda *_: without(first_exported.model, lost))
     with pytest.raises(UserError, match=r"^runs/r: .* differ by .*, so nothing was written"):
         # Even in first weights, which say nearly the same to everything.
         export_policy(config, initial_weights(config), "runs/r", FEW, timed=0.01)
 
 
-def test_first_weights_pass_too() -> None:
-    config = made_config()
-    trip = export_policy(config, initial_weights(config), "here", FEW, timed=0.01).trip
-    assert trip.holds and trip.tolerance <= 1e-4
+def test_first_weights_pass_too(first_exported: Exported) -> None:
+    assert first_exported.trip.holds and first_exported.trip.tolerance <= 1e-4
 
 
 def test_the_temperature_that_it_is_meant_for_is_inside() -> None:
@@ -208,19 +192,21 @@ def test_the_temperature_that_it_is_meant_for_is_inside() -> None:
     assert "temperature 0.25 is already in them" in exported.contract["outputs"][0]["meaning"]
 
 
-def test_an_answer_that_is_no_number_is_noticed() -> None:
+def test_an_answer_that_is_no_number_is_noticed(exported: Exported) -> None:
     config = made_config()
     runner = runner_of(config, weights_of(config))
-    broken = built_in(build_policy(config))
-    with torch.no_grad():
-        broken.head.bias.fill_(float("nan"))
-    session = open_session(to_onnx(config, broken, "here").SerializeToString())
+    broken = onnx.load_from_string(exported.model)
+    (answer,) = [part.name for part in broken.graph.output]
+    for node in broken.graph.node:
+        node.output[:] = ["sound" if name == answer else name for name in node.output]
+    nothing = onnx.numpy_helper.from_array(np.full(1, np.nan, np.float32), "nothing")
+    broken.graph.initializer.append(nothing)
+    broken.graph.node.append(onnx.helper.make_node("Add", ["sound", "nothing"], [answer]))
+    session = open_session(broken.SerializeToString())
     assert not round_trip(session, runner, observations_met(runner, 3, seed=1)).holds
 
 
-def test_files_say_what_they_are(tmp_path: Path) -> None:
-    config = made_config()
-    exported = export_policy(config, weights_of(config), "here", FEW, timed=0.01)
+def test_files_say_what_they_are(tmp_path: Path, exported: Exported) -> None:
     out = tmp_path / "policy.onnx"
     exported.write(out)
     exported.write(out)  # over itself
