@@ -164,20 +164,28 @@ def fill_normals(state, out):
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3
 
 
+@njit(inline="always")
+def next_uniform(s0, s1, s2, s3):
+    """The draw of ``uniform`` and the state after it, for loops that hold it in registers."""
+    bits = _rotate_left(s0 + s3, 23) + s0
+    shifted = s1 << np.uint64(17)
+    s2 ^= s0
+    s3 ^= s1
+    s1 ^= s2
+    s0 ^= s3
+    s2 ^= shifted
+    s3 = _rotate_left(s3, 45)
+    # Through int64: processors without AVX-512 convert unsigned words slowly.
+    draw = np.float64(np.int64(bits >> np.uint64(11))) * (1.0 / 9007199254740992.0)
+    return draw, s0, s1, s2, s3
+
+
 @kernel(_nrt=False)
 def fill_uniforms(state, out):
     """Fill ``out`` (n,) with uniforms in [0, 1): the draws of ``uniform`` one after the other."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
     for i in range(out.shape[0]):
-        bits = _rotate_left(s0 + s3, 23) + s0
-        shifted = s1 << np.uint64(17)
-        s2 ^= s0
-        s3 ^= s1
-        s1 ^= s2
-        s0 ^= s3
-        s2 ^= shifted
-        s3 = _rotate_left(s3, 45)
-        out[i] = np.float64(np.int64(bits >> np.uint64(11))) * (1.0 / 9007199254740992.0)
+        out[i], s0, s1, s2, s3 = next_uniform(s0, s1, s2, s3)
     state[0], state[1], state[2], state[3] = s0, s1, s2, s3
 
 

@@ -159,10 +159,24 @@ def _index_beam(beam_x, beam_y, x, y, cosine, sine, count, columns, last_x, last
 
 @kernel(_nrt=False, error_model="numpy")
 def _gather(table, first, second, third, fourth, count, likelihood):
-    # Not fastmath: the compiler would use gather instructions, which are slower than loads.
-    for i in range(count):
-        likelihood[i] += (table[np.uint32(first[i])] + table[np.uint32(second[i])]) + (
-            table[np.uint32(third[i])] + table[np.uint32(fourth[i])]
+    # Not fastmath: the compiler would use gather instructions, which are slower than loads. Loads
+    # are what this costs, so two particles' indices come in one word, the earlier in its low half.
+    high = np.uint64(32)
+    pairs = np.uint64(count) >> np.uint64(1)
+    for pair in range(pairs):
+        a, b, c, d = first[pair], second[pair], third[pair], fourth[pair]
+        i = pair << np.uint64(1)
+        likelihood[i] += (table[np.uint32(a)] + table[np.uint32(b)]) + (
+            table[np.uint32(c)] + table[np.uint32(d)]
+        )
+        i += np.uint64(1)
+        likelihood[i] += (table[a >> high] + table[b >> high]) + (
+            table[c >> high] + table[d >> high]
+        )
+    if count % 2:
+        a, b, c, d = first[pairs], second[pairs], third[pairs], fourth[pairs]
+        likelihood[count - 1] += (table[np.uint32(a)] + table[np.uint32(b)]) + (
+            table[np.uint32(c)] + table[np.uint32(d)]
         )
 
 
@@ -188,6 +202,7 @@ def likelihood_field(table, rows, columns, cells, count, beams, kept, index, lik
     x, y, cosine, sine = cells[0], cells[1], cells[2], cells[3]
     whole = kept - kept % BEAMS_PER_PASS
     room = min(index.shape[1], (count + 31) // 32 * 32)  # see belief.room_for
+    pairs = index.view(np.uint64)  # little-endian, as all processors that numba knows
     for b in range(kept):
         lane = b % BEAMS_PER_PASS
         _index_beam(
@@ -196,4 +211,4 @@ def likelihood_field(table, rows, columns, cells, count, beams, kept, index, lik
         if b >= whole:
             _gather_one(table, index[lane], count, likelihood)
         elif lane == BEAMS_PER_PASS - 1:
-            _gather(table, index[0], index[1], index[2], index[3], count, likelihood)
+            _gather(table, pairs[0], pairs[1], pairs[2], pairs[3], count, likelihood)

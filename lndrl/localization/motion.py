@@ -49,12 +49,15 @@ def deviations(rotation1, translation, rotation2, alpha):
 
 
 @kernel(_nrt=False, error_model="numpy")
-def draw_noise(noise, count, spread, state):
-    """Three normals per particle, scaled by ``spread``, into ``noise[0..2]``."""
+def draw_noise(noise, count, spread, state, normals):
+    """Three normals per particle, scaled by ``spread``, into ``noise[0..2]``.
+
+    They are drawn into ``normals`` (float32), what they are made in: twice as many at a time.
+    """
     for part in range(3):
-        fill_normals32(state, noise[part, :count])
+        fill_normals32(state, normals[:count])
         for i in range(count):
-            noise[part, i] *= spread[part]
+            noise[part, i] = np.float64(normals[i]) * spread[part]
 
 
 @njit(inline="always")

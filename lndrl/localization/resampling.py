@@ -17,9 +17,11 @@ from lndrl.config import LocalizationConfig
 from lndrl.kernels import kernel
 from lndrl.localization.bins import bin_key, insert
 from lndrl.localization.motion import set_heading
-from lndrl.randomness import fill_uniforms, uniform
+from lndrl.randomness import next_uniform, uniform
 
 _BLOCK = 512  # particles drawn at a time; the usual set in one
+NAMELESS = 6  # bins that are told apart without a look into their table
+_SURE = 1e-9  # slices: what rounding could move a border by is a thousandth of it
 
 
 def kld_limits(config: LocalizationConfig) -> NDArray[np.int32]:
@@ -70,32 +72,46 @@ def recovery_chance(averages):
 def accumulate(weights, count, cumulative, guide):
     """Cumulative weights, and for each of ``count`` equal slices the first index reaching into it.
 
-    Weights need no normalisation. Returns their sum.
+    Weights need no normalisation. Returns their sum. An index that ends within a billionth of a
+    slice's border may be named for the next slice as well; ``locate`` looks further from there.
     """
+    count = min(count, weights.size, cumulative.size, guide.size)
+    if count < 1:
+        return 0.0
+    guide[:count] = 0
     total = 0.0
     for i in range(count):
         total += weights[i]
         cumulative[i] = total
-    slice_width = total / count
-    i = 0
-    for part in range(count):
-        start = part * slice_width
-        while i < count - 1 and cumulative[i] <= start:
-            i += 1
-        guide[part] = i
+    # No walk from slice to slice, whose length nobody can predict: every index marks the slice that
+    # it ends in, and the last one marked before a slice is behind it. No number marks the last.
+    per_weight = count / total
+    last = count - 1.0
+    for i in range(count):
+        end = cumulative[i] * per_weight + _SURE
+        end = end if end < last else last
+        end = end if end > 0.0 else 0.0
+        guide[np.uint64(np.int64(end))] = np.int32(i + 1)
+    first = np.int32(0)
+    for part in range(np.uint64(count)):
+        marked = guide[part]
+        guide[part] = first
+        first = max(first, marked)
     return total
 
 
-@kernel(_nrt=False, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def locate(cumulative, guide, count, total, u):
     """First index whose cumulative weight exceeds ``u`` (in [0, 1)) of ``total``."""
-    i = np.int64(guide[np.int64(u * count)])
+    # Without a sign: an index that may be negative is looked at before every load.
+    last = np.uint64(count - 1)
+    i = np.uint64(guide[np.uint64(np.int64(u * count))])
     threshold = u * total
     # The first step is an addition, not a branch: half of the draws take it, unpredictably.
     # Only the last sum can fall short of the threshold by rounding, so it is bounded too.
-    i = min(i + np.int64(cumulative[i] <= threshold), count - 1)
-    while i < count - 1 and cumulative[i] <= threshold:
-        i += 1
+    i = min(i + np.uint64(cumulative[i] <= threshold), last)
+    while i < last and cumulative[i] <= threshold:
+        i += np.uint64(1)
     return i
 
 
@@ -157,23 +173,98 @@ def resample(source, weights, count, target, scratch, bins, limits, chance, fiel
 def _draw_set(source, count, total, target, scratch, bins, limits, state):
     """``resample`` without injection, in blocks: each pass over one does one simple thing."""
     most = most_particles(target, scratch, limits)
-    chosen = scratch.indices[0]  # of the sensor model, which is done
-    uniforms = scratch.noise[0]
+    # Rows of the sensor model, which is done.
+    chosen, name_of, bin_of_name = scratch.indices[0], scratch.indices[1], scratch.indices[2]
+    names = name_keys(scratch.keys, count, name_of)
+    bin_of_name[: NAMELESS + 1] = -1
     n = 0
     k = 0
     while n < most:
         size = min(_BLOCK, most - n)
-        fill_uniforms(state, uniforms[:size])
-        for j in range(size):
-            chosen[j] = locate(scratch.cumulative, scratch.guide, count, total, uniforms[j])
-        for j in range(size):
-            scratch.bin_of[n + j], k = insert(scratch.keys[chosen[j]], bins, k)
-            if n + j + 1 > limits[k]:
-                size = j + 1
-                most = n + size
-                break
-        for row in range(5):
-            for j in range(size):
-                target[row, n + j] = source[row, chosen[j]]
-        n += size
+        _choose(scratch.cumulative, scratch.guide, count, total, state, chosen[:size])
+        if names == 1:
+            if k == 0:
+                _, k = insert(scratch.keys[0], bins, k)
+            sorted_in = min(size, limits[1] + 1 - n)
+            scratch.bin_of[n : n + sorted_in] = 0
+        else:
+            sorted_in, k = _sort_in(
+                chosen[:size], name_of, bin_of_name, n, k, scratch, bins, limits
+            )
+        if sorted_in < size or n + sorted_in > limits[k]:
+            most = n + sorted_in
+        _copy(source, chosen[:sorted_in], target, n)
+        n += sorted_in
     return n, k
+
+
+@kernel(_nrt=False, error_model="numpy")
+def _sort_in(chosen, name_of, bin_of_name, n, k, scratch, bins, limits):
+    """Bins of the ``chosen`` into ``scratch.bin_of`` from ``n`` on, until the KLD bound is passed.
+
+    Returns how many were sorted in, and the number of bins. A named key's bin is looked up once.
+    """
+    enough = limits[k]
+    for j in range(chosen.size):
+        i = np.uint64(chosen[j])
+        name = np.uint64(name_of[i])
+        b = bin_of_name[name]
+        if b < 0:
+            b, k = insert(scratch.keys[i], bins, k)
+            enough = limits[k]
+            if name < NAMELESS:
+                bin_of_name[name] = b
+        scratch.bin_of[n + j] = b
+        if n + j >= enough:
+            return j + 1, k
+    return chosen.size, k
+
+
+@kernel(_nrt=False, error_model="numpy")
+def _choose(cumulative, guide, count, total, state, chosen):
+    """``draw`` for each of ``chosen`` (int32), one after the other.
+
+    The generator's words stay in registers: its draws wait for each other, and the search for one
+    goes on meanwhile.
+    """
+    s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
+    for j in range(np.uint64(chosen.size)):
+        u, s0, s1, s2, s3 = next_uniform(s0, s1, s2, s3)
+        chosen[j] = np.int32(locate(cumulative, guide, count, total, u))
+    state[0], state[1], state[2], state[3] = s0, s1, s2, s3
+
+
+@kernel(_nrt=False, error_model="numpy")
+def name_keys(keys, count, name_of):
+    """Number the different ones among ``count`` keys into ``name_of`` (int32), from 0 up.
+
+    The first ``NAMELESS`` of them; what is left is called ``NAMELESS``. Returns how many there are,
+    ``NAMELESS`` for that many or more. A pass over all keys for each costs less than looking up
+    every particle's while the cloud is tight, as it mostly is.
+    """
+    for i in range(count):
+        name_of[i] = np.int32(NAMELESS)
+    first = 0
+    for name in range(np.int32(NAMELESS)):
+        key = keys[first]
+        for i in range(count):
+            name_of[i] = name if keys[i] == key else name_of[i]
+        while name_of[first] < NAMELESS:
+            first += 1
+            if first >= count:
+                return name + 1
+    return NAMELESS
+
+
+@kernel(_nrt=False, error_model="numpy")
+def _copy(source, chosen, target, at):
+    """Copy the ``chosen`` particles of ``source`` to ``target``, from ``at`` on."""
+    start = np.uint64(at)
+    for j in range(np.uint64(chosen.size)):
+        i = np.uint64(chosen[j])
+        o = start + j
+        target[np.uint64(0), o] = source[np.uint64(0), i]
+        target[np.uint64(1), o] = source[np.uint64(1), i]
+        target[np.uint64(2), o] = source[np.uint64(2), i]
+        target[np.uint64(3), o] = source[np.uint64(3), i]
+        target[np.uint64(4), o] = source[np.uint64(4), i]

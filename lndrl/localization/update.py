@@ -135,7 +135,8 @@ def _predict(particles, count, new, belief, scratch, settings):
     if settings.motion_corrected != 0:
         spread = (math.sqrt(spread[0]), math.sqrt(spread[1]), math.sqrt(spread[2]))
     room = room_for(count)
-    draw_noise(scratch.noise, room, spread, belief.random)
+    # A row of the sensor model, whose turn comes later, holds what is drawn.
+    draw_noise(scratch.noise, room, spread, belief.random, scratch.cells[0])
     move(particles, room, (rotation1, translation, rotation2), scratch.noise)
     for k in range(3):
         belief.odometry[k] = new[k]

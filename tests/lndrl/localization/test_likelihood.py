@@ -9,7 +9,7 @@ import pytest
 
 from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.errors import UserError
-from lndrl.localization.belief import make_settings
+from lndrl.localization.belief import make_settings, room_for
 from lndrl.localization.likelihood import (
     BEAMS_PER_PASS,
     LikelihoodMap,
@@ -62,7 +62,7 @@ def weights(field, poses, ranges, bearings):
     kept, broken = beam_ends(ranges, bearings, CONFIG.laser_max_range, field.resolution, beams)
     cells = np.zeros((4, count), dtype=np.float32)
     to_cells(rows, count, field.resolution, *field.origin, cells)
-    index = np.zeros((BEAMS_PER_PASS, count), dtype=np.int32)
+    index = np.zeros((BEAMS_PER_PASS, room_for(count)), dtype=np.int32)
     out = np.zeros(count, dtype=np.float32)
     likelihood_field(field.table.ravel(), *field.table.shape, cells, count, beams, kept, index, out)
     return out, kept, broken
@@ -128,6 +128,34 @@ def test_empty_and_full_maps():
     assert np.allclose(empty.table, factor_twin(np.inf))
     with pytest.raises(UserError, match="no free cell"):
         LikelihoodMap.build(OccupancyGrid(np.ones((5, 5), dtype=bool), 0.1), CONFIG)
+
+
+@pytest.mark.parametrize("count", [1, 2, 31, 64, 501])
+def test_sums_are_the_look_ups_of_four_beams_at_a_time(count: int) -> None:
+    """Bit by bit: the order of the additions is part of what a seed replays."""
+    rng = np.random.default_rng(count)
+    rows, columns = 60, 90
+    table = rng.random((rows, columns)).astype(np.float32)
+    room = room_for(count)
+    cells = rng.uniform(-1.0, 1.0, (4, room)).astype(np.float32)
+    # Particles at whole cells and a quarter: nothing rounds, so the twin's cells are exact.
+    cells[0], cells[1] = rng.integers(-9, 99, room) + 0.25, rng.integers(-9, 69, room) + 0.25
+    cells[2], cells[3] = np.where(rng.random(room) < 0.5, [[1.0], [0.0]], [[0.0], [-1.0]])
+    for kept in (0, 1, 3, 4, 7, 46):
+        beams = rng.integers(-40, 40, (2, 50)).astype(np.float32)
+        x = cells[0, :, None] + cells[2, :, None] * beams[0] - cells[3, :, None] * beams[1]
+        y = cells[1, :, None] + cells[3, :, None] * beams[0] + cells[2, :, None] * beams[1]
+        column = x.clip(0.5, columns - 0.5).astype(np.int64)
+        values = table[y.clip(0.5, rows - 0.5).astype(np.int64), column].T
+        expected = np.ones(room, np.float32)
+        for b in range(0, kept - kept % 4, 4):
+            expected += (values[b] + values[b + 1]) + (values[b + 2] + values[b + 3])
+        for b in range(kept - kept % 4, kept):
+            expected += values[b]
+        index = np.zeros((BEAMS_PER_PASS, room), np.int32)
+        out = np.zeros(count + 1, np.float32)
+        likelihood_field(table.ravel(), rows, columns, cells, count, beams, kept, index, out)
+        assert (out[:count] == expected[:count]).all() and out[count] == 0.0
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e300])

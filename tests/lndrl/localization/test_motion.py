@@ -12,7 +12,7 @@ from numba import njit
 from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.localization.angles import difference, sincos, wrap
 from lndrl.localization.motion import decompose, deviations, draw_noise, move, scatter
-from lndrl.randomness import stream_state
+from lndrl.randomness import fill_normals32, stream_state
 
 ALPHA = (0.2, 0.3, 0.4, 0.5)
 
@@ -104,13 +104,26 @@ def test_moments_of_drawn_motion():
     spread = deviations(*motion, ALPHA)
     rows = np.tile(np.array([[3.0], [4.0], [0.5], [math.cos(0.5)], [math.sin(0.5)]]), (1, count))
     noise = np.zeros((3, count))
-    draw_noise(noise, count, spread, stream_state(1))
+    draw_noise(noise, count, spread, stream_state(1), np.zeros(count, np.float32))
     move(rows, count, motion, noise)
     along = np.hypot(rows[0] - 3.0, rows[1] - 4.0)
     assert along.mean() == pytest.approx(motion[1], abs=5 * spread[1] / math.sqrt(count))
     assert along.std() == pytest.approx(spread[1], rel=0.02)
     assert rows[2].mean() == pytest.approx(0.7, abs=1e-3)
     assert rows[2].std() == pytest.approx(math.hypot(spread[0], spread[2]), rel=0.02)
+
+
+def test_noise_is_single_precision_normals_times_the_spread_in_double():
+    spread = (0.1, 1 / 3, 1e-3)
+    for count in (32, 33, 512):
+        noise, normals = np.zeros((3, 544)), np.zeros(544, np.float32)
+        state, twin = stream_state(2), stream_state(2)
+        draw_noise(noise, count, spread, state, normals)
+        for part in range(3):
+            drawn = np.zeros(count, np.float32)
+            fill_normals32(twin, drawn)
+            assert (noise[part, :count] == drawn.astype(np.float64) * spread[part]).all()
+        assert (noise[:, count:] == 0.0).all() and (state == twin).all()
 
 
 def test_scatter_has_the_asked_spread():

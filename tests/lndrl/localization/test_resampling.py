@@ -14,10 +14,12 @@ from lndrl.localization.belief import make_field, make_scratch
 from lndrl.localization.bins import bin_key, bin_keys, empty, insert, make_bins
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.resampling import (
+    NAMELESS,
     accumulate,
     draw,
     follow_average,
     kld_limits,
+    name_keys,
     recovery_chance,
     resample,
 )
@@ -136,6 +138,68 @@ def test_resample_stops_one_past_the_bound_and_counts_bins():
         named = made.bins.key[made.scratch.bin_of[:count]]
         assert (named == keys).all()
         assert np.isin(new[0], made.source[0]).all()
+
+
+def resample_twin(made, count):
+    """Draw by draw in NumPy: rows, their bins, the bins' keys, and the state that is left."""
+    state = made.state.copy()
+    cumulative = np.zeros(count)
+    total = 0.0
+    for i in range(count):
+        total += made.weights[i]
+        cumulative[i] = total
+    most = len(made.limits) - 1
+    chosen, bin_of, bins = [], [], {}
+    while len(chosen) < most and not (chosen and len(chosen) > made.limits[len(bins)]):
+        i = min(np.searchsorted(cumulative, uniform(state) * total, side="right"), count - 1)
+        bin_of.append(bins.setdefault(int(made.scratch.keys[i]), len(bins)))
+        chosen.append(i)
+    # Whole blocks are drawn, the last one as far as there would be room.
+    for _ in range(min(-len(chosen) % 512, most - len(chosen))):
+        uniform(state)
+    return made.source[:, chosen], bin_of, list(bins), state
+
+
+@pytest.mark.parametrize("weigh", ["even", "steep", "one", "zeros", "tiny"])
+@pytest.mark.parametrize(("spread", "bins"), [(1e-3, 1), (0.1, 3), (0.3, 15), (1.5, 400)])
+def test_a_set_is_what_single_draws_make(spread: float, bins: int, weigh: str) -> None:
+    for seed, count in enumerate((1, 2, 501, 777, 2000)):
+        made = setting(spread=spread, seed=seed, count=2000, kld_one_bin="min")
+        rng = np.random.default_rng(seed)
+        made.weights[:] = {
+            "even": np.full(2000, 1.0 / count),
+            "steep": rng.exponential(1.0, 2000) ** 8,
+            "one": np.where(np.arange(2000) == count // 2, 1.0, 1e-9),
+            "zeros": np.where(np.arange(2000) % 3 == 0, rng.random(2000), 0.0),
+            "tiny": rng.random(2000) * 1e-300,
+        }[weigh]
+        rows, bin_of, keys, state = resample_twin(made, count)
+        drawn, k = run_resample(made, count)
+        assert (drawn, k) == (rows.shape[1], len(keys))
+        assert (made.target[:, :drawn] == rows).all()
+        assert (made.scratch.bin_of[:drawn] == bin_of).all()
+        assert (made.bins.key[:k] == keys).all()
+        assert (made.state == state).all()
+        assert k == 1 or weigh in ("one", "steep") or count < 501 or k >= bins / 3
+
+
+def test_what_is_no_number_is_drawn_from_within_the_set() -> None:
+    for value in (np.nan, np.inf, 0.0, -1.0):
+        cumulative, guide = np.zeros(64), np.zeros(64, dtype=np.int32)
+        total = accumulate(np.full(64, value), 64, cumulative, guide)
+        assert 0 <= guide.min() <= guide.max() < 64
+        assert all(0 <= draw(cumulative, guide, 64, total, stream_state(n)) < 64 for n in range(99))
+
+
+@pytest.mark.parametrize("different", [1, 2, NAMELESS - 1, NAMELESS, NAMELESS + 1, 40])
+def test_the_first_keys_have_names_and_no_others(different: int) -> None:
+    rng = np.random.default_rng(different)
+    keys = rng.permutation(np.arange(300) % different) * (1 << 40) - 7
+    names = np.full(301, 99, np.int32)
+    assert name_keys(keys, 300, names) == min(different, NAMELESS)
+    known: dict[int, int] = {}
+    expected = [min(known.setdefault(int(key), len(known)), NAMELESS) for key in keys]
+    assert names[:300].tolist() == expected and names[300] == 99
 
 
 @pytest.mark.parametrize(("asked", "drawn"), [("max", 4000), ("min", 501)])
