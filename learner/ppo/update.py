@@ -133,7 +133,7 @@ class PPO:
         ``stage`` says what the policy learns from: the teacher of the run, reward, or both. The
         value network always learns from reward. Returns the figures of the update by name. Raises
         DivergedError where a loss, gradient, weight or moment is not finite; networks, optimizers
-        and ``rng`` are then as before.
+        and ``rng`` are then as before, but for what ``Safeguard`` rounds.
         """
         order = self.rng.bit_generator.state
         self._enter(stage)

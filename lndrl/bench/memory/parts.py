@@ -76,12 +76,14 @@ def learner(folder: Path, settings: list[str]) -> Iterator[str]:
     from learner.ppo.update import PPO
     from lndrl.bench.training import CONFIG
     from lndrl.config import load_config
+    from lndrl.machine.memory import return_what_is_free
     from lndrl.navigation import Trajectory
 
     yield "other libraries"
     keep_freed_memory()
     config = load_config(CONFIG, settings)
     ppo = PPO(config)
+    return_what_is_free()  # as a MemoryTide does
     yield "networks"
     with np.load(folder / _CHUNKS) as file:
         chunk = Trajectory.from_arrays(dict(file), config)

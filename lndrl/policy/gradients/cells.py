@@ -20,24 +20,20 @@ class _CellProduct(Function):
     def forward(
         ctx: Any, rows: Tensor, empty: Tensor, weight: Tensor, bias: Tensor, s: MapStructure
     ) -> Tensor:
-        ctx.in_order = cells.grouped(rows.detach().numpy(), empty.detach().numpy(), s)
-        ctx.save_for_backward(weight)
+        ctx.save_for_backward(rows, empty, weight)
         ctx.structure = s
-        by_cell = weight.detach().numpy().transpose(0, 2, 1)
-        out = torch.from_numpy(cells.multiply_cells(ctx.in_order, by_cell, s, 0))
+        r, e, w = (each.detach().numpy() for each in (rows, empty, weight))
+        out = torch.from_numpy(cells.multiply_cells(r, e, w.transpose(0, 2, 1), s))
         return out[:-1] + (out[-1] + bias)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
-        (weight,) = ctx.saved_tensors
-        s: MapStructure = ctx.structure
+        rows, empty, weight = (each.numpy() for each in ctx.saved_tensors)
         total = gradients[0].sum(0)
         whole = torch.cat((gradients[0], total[None])).numpy()
-        in_order, by_weight = cells.gradients(whole, ctx.in_order, weight.numpy(), s)
-        by_rows = torch.empty(in_order.shape)
-        by_rows[torch.from_numpy(s.order)] = torch.from_numpy(in_order)
-        blocks = len(in_order) - len(s.cell_stand_in)
-        return by_rows[:blocks], by_rows[blocks:], torch.from_numpy(by_weight), total, None
+        found = cells.gradients(whole, rows, empty, weight, ctx.structure)
+        by_rows, by_empty, by_weight = (torch.from_numpy(each) for each in found)
+        return by_rows, by_empty, by_weight, total, None
 
 
 def train_cell_linear(

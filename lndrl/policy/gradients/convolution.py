@@ -31,17 +31,19 @@ class _PatchConvolution(Function):
         level: Level,
     ) -> Tensor:
         v, w, conv, pool = (t.detach().numpy() for t in (values, weight, conv_empty, pool_empty))
-        ctx.done = convolution.convolve_patches(v, w, conv, pool, level)
-        ctx.save_for_backward(weight)
+        done = convolution.convolve_patches(v, w, conv, pool, level)
+        ctx.save_for_backward(values, weight)
+        ctx.winner, ctx.live = done.winner, done.live
         ctx.level, ctx.places = level, (len(conv_empty), len(pool_empty))
-        return torch.from_numpy(ctx.done.out)
+        return torch.from_numpy(done.out)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Any) -> tuple[Tensor | None, ...]:
         gradient = gradients[0].contiguous().numpy()
-        (weight,) = ctx.saved_tensors
-        by_parts = convolution.gradients(gradient, ctx.done, weight.numpy(), ctx.level)
-        by_empty = rows.spread_empty(gradient, ctx.done.winner, ctx.level, ctx.places)
+        values, weight = (each.numpy() for each in ctx.saved_tensors)
+        winner, level = ctx.winner, ctx.level
+        by_parts = convolution.gradients(gradient, values, winner, ctx.live, weight, level)
+        by_empty = rows.spread_empty(gradient, winner, level, ctx.places)
         return *(torch.from_numpy(each) for each in (*by_parts, *by_empty)), None
 
 

@@ -5,6 +5,7 @@ Only rows that differ from the response to the empty map are multiplied, those o
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,9 @@ import numpy as np
 from lndrl.kernels import kernel
 from lndrl.policy.sparse.rows import Rows
 from lndrl.policy.sparse.structure import MapStructure
+
+_RUN = 2048
+"""Rows whose products are kept at a time: with 512 outputs 4 MB, which a cache may hold."""
 
 
 @kernel()
@@ -22,23 +26,24 @@ def _add_rows(rows, index, out):
             out[index[i], j] += rows[i, j]
 
 
-def grouped(rows: Rows, empty: Rows, s: MapStructure) -> Rows:
-    """Rows (B, C) and those of the empty map (cells, C) in the order of ``s.order``."""
-    return np.concatenate((rows, empty)).take(s.order, axis=0)
+def multiply_cells(rows: Rows, empty: Rows | None, weight: Rows, s: MapStructure) -> Rows:
+    """Sums by sample (N + 1, F) of rows (B, C), times their cell's weights.
 
-
-def multiply_cells(in_order: Rows, weight: Rows, s: MapStructure, skip: int) -> Rows:
-    """Sums by sample (N + 1, F) of rows in the order of ``s.order``, times their cell's weights.
-
-    weight (cells, C, F), contiguous or transposed. The last row sums the empty responses. The first
-    ``skip`` rows of each cell are left out.
+    weight (cells, C, F), contiguous or transposed. The last row sums the responses to the empty
+    map, ``empty`` (cells, C); None leaves them out.
     """
-    products = np.zeros((len(in_order), weight.shape[2]), np.float32)
-    for cell, (begin, end) in enumerate(groups(s)):
-        if begin + skip < end:
-            rows = slice(begin + skip, end)
-            np.dot(in_order[rows], weight[cell], out=products[rows])
-    return sums_by_sample(products, s)
+    out = np.zeros((s.samples + 1, weight.shape[2]), np.float32)
+    skip = int(empty is None)
+    for run in _runs(s):
+        first, last = run[0][1], run[-1][2]
+        taken = _gathered(rows, empty, s, run)
+        products = np.zeros((last - first, weight.shape[2]), np.float32)
+        for cell, begin, end in run:
+            if begin + skip < end:
+                its = slice(begin + skip - first, end - first)
+                np.dot(taken[its], weight[cell], out=products[its])
+        _add_rows(products, s.sample[first:last], out)
+    return out
 
 
 def sums_by_sample(products: Rows, s: MapStructure) -> Rows:
@@ -53,28 +58,59 @@ def cell_linear(rows: Rows, weight: Rows, base: Rows, s: MapStructure) -> Rows:
 
     weight (cells, C, F) as above; ``base`` (F,) is the layer's response to the empty map.
     """
-    absent = np.zeros((len(s.cell_stand_in), rows.shape[1]), np.float32)
-    out = multiply_cells(grouped(rows, absent, s), weight, s, 1)[:-1]
+    out = multiply_cells(rows, None, weight, s)[:-1]
     return np.add(out, base, out=out)
 
 
-def gradients(gradient: Rows, in_order: Rows, weight: Rows, s: MapStructure) -> tuple[Rows, Rows]:
-    """By rows in the order of ``s.order`` and by weight, of ``multiply_cells`` without a skip.
+def gradients(
+    gradient: Rows, rows: Rows, empty: Rows, weight: Rows, s: MapStructure
+) -> tuple[Rows, Rows, Rows]:
+    """By rows, ``empty`` and weight, of ``multiply_cells``.
 
     ``gradient`` (N + 1, F) is that by its result; the weights are (cells, F, C) here.
     """
-    by_row = gradient.take(s.sample, axis=0)
-    by_weight, by_rows = np.empty_like(weight), np.empty_like(in_order)
-    for cell, (begin, end) in enumerate(groups(s)):
-        part = slice(begin, end)
-        np.dot(by_row[part], weight[cell], out=by_rows[part])
-        np.dot(by_row[part].T, in_order[part], out=by_weight[cell])
-    return by_rows, by_weight
+    by_rows, by_empty, by_weight = (np.empty_like(each) for each in (rows, empty, weight))
+    for run in _runs(s):
+        first, taken = run[0][1], _gathered(rows, empty, s, run)
+        for cell, begin, end in run:
+            by_row = gradient.take(s.sample[begin:end], axis=0)
+            found = np.dot(by_row, weight[cell])
+            by_empty[cell], by_rows[s.order[begin + 1 : end]] = found[0], found[1:]
+            np.dot(by_row.T, taken[begin - first : end - first], out=by_weight[cell])
+    return by_rows, by_empty, by_weight
 
 
 def groups(s: MapStructure) -> list[tuple[int, int]]:
     """Where in ``s.order`` each cell begins and ends."""
     return list(pairwise(s.starts.tolist()))
+
+
+def _runs(s: MapStructure) -> Iterator[list[tuple[int, int, int]]]:
+    """Cells with their begin and end, in runs of about ``_RUN`` rows; none is empty."""
+    run: list[tuple[int, int, int]] = []
+    for cell, (begin, end) in enumerate(groups(s)):
+        if run and end - run[0][1] > _RUN:
+            yield run
+            run = []
+        run.append((cell, begin, end))
+    if run:
+        yield run
+
+
+def _gathered(
+    rows: Rows, empty: Rows | None, s: MapStructure, run: list[tuple[int, int, int]]
+) -> Rows:
+    """Rows (B, C) in the order of ``s.order`` from the first cell of ``run`` to its last.
+
+    Each cell begins with its empty response; without ``empty`` with anything.
+    """
+    order = s.order[run[0][1] : run[-1][2]]
+    # Places of empty responses lie beyond the rows.
+    clipped = rows.take(order, axis=0, mode="clip") if len(rows) else None
+    out = np.zeros((len(order), rows.shape[1]), np.float32) if clipped is None else clipped
+    if empty is not None:
+        out[[begin - run[0][1] for _, begin, _ in run]] = empty[[cell for cell, _, _ in run]]
+    return out
 
 
 KERNELS = (_add_rows,)

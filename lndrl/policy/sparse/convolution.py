@@ -1,21 +1,20 @@
 """Convolutions of patches at points (see ``points``), and their gradients.
 
 A compiled kernel takes the patches to the points, one matrix product per point multiplies all
-patches of a batch that have it, another kernel takes the products back, adds the response to the
-empty map and pools. Rows hold differences from that response, so that all around is zero.
+patches of a group of samples that have it, another kernel takes the products back, adds the
+response to the empty map and pools. Rows hold differences from that response, so that all around
+is zero.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.kernels import kernel
-from lndrl.policy.sparse.patches import Patches
 from lndrl.policy.sparse.points import (
     LONGEST,
     POINTS,
@@ -46,19 +45,21 @@ def _reached(rows, live, y, x):
     return False
 
 
-@kernel(error_model="numpy", fastmath={"contract"})
-def _to_points(rows, cut, sizes, places, evaluation, scratch, out, live):
-    """out[place] = the values of a patch at a point; scratch (LONGEST * SIDE, C).
-
-    live[row] says whether a row is anything but zero.
-    """
-    channels = rows.shape[1]
+@kernel()
+def _find_live(rows, live):
+    """live[row] = whether a row is anything but zero."""
     for row in range(rows.shape[0]):
         live[row] = False
-        for c in range(channels):
+        for c in range(rows.shape[1]):
             if rows[row, c] != 0.0:
                 live[row] = True
                 break
+
+
+@kernel(error_model="numpy", fastmath={"contract"})
+def _to_points(rows, cut, sizes, places, evaluation, scratch, out):
+    """out[place] = the values of a patch at a point; scratch (LONGEST * SIDE, C)."""
+    channels = rows.shape[1]
     for t in range(sizes.shape[0]):
         high, wide = sizes[t, 0], sizes[t, 1]
         for y in range(high):
@@ -233,13 +234,11 @@ class Convolved:
     """A convolution's result, and what its gradients need.
 
     out float32 (B, O), the largest outputs of blocks after ReLU, as differences; winner uint8
-    (B, O), which output of the block that was; values float32 (places, C), the patches at their
-    points; live bool (R,), which rows are anything but zero.
+    (B, O), which output of the block that was; live bool (R,), which rows are anything but zero.
     """
 
     out: Rows
     winner: NDArray[np.uint8]
-    values: Rows
     live: NDArray[np.bool_]
 
 
@@ -253,49 +252,65 @@ def convolve_patches(
     cut = level.patches
     assert cut is not None
     _, inputs, channels = weight.shape
-    values = np.empty((int(cut.starts[-1]), inputs), np.float32)
-    scratch, live = np.empty((LONGEST * SIDE, inputs), np.float32), np.empty(len(rows), np.bool_)
-    _to_points(rows, cut.rows, cut.sizes, cut.places, _EVALUATION, scratch, values, live)
-    products = np.empty((len(values), channels), np.float32)
-    for point, part in _points(cut):
-        np.dot(values[part], weight[point], out=products[part])
     blocks, outputs = len(level.stand_in), level.stand_in.shape[1] - 1
     out, winner = np.empty((blocks, channels), np.float32), np.empty((blocks, channels), np.uint8)
+    live = np.empty(len(rows), np.bool_)
+    _find_live(rows, live)
     most = int(np.diff(cut.block_ends, prepend=0).max(initial=0))
-    _pool(
-        products, cut.rows, live, cut.sizes, cut.places, cut.targets, cut.ends, cut.block_ends,
-        _INTERPOLATION, level.stand_in, conv_empty, pool_empty,
-        np.empty((POINTS, channels), np.float32),
-        np.empty((outputs * most, channels), np.float32), out, winner,
-    )  # fmt: skip
-    return Convolved(out, winner, values, live)
+    values, products = (np.empty((cut.most, each), np.float32) for each in (inputs, channels))
+    scratch = np.empty((LONGEST * SIDE, inputs), np.float32)
+    plane = np.empty((POINTS, channels), np.float32)
+    sums = np.empty((outputs * most, channels), np.float32)
+    for group in cut.groups(outputs):
+        _to_points(rows, group.rows, group.sizes, group.places, _EVALUATION, scratch, values)
+        for point, begin, end in group.points():
+            np.dot(values[begin:end], weight[point], out=products[begin:end])
+        its = group.blocks
+        _pool(
+            products, group.rows, live, group.sizes, group.places, group.targets, group.ends,
+            group.block_ends, _INTERPOLATION, level.stand_in[its], conv_empty, pool_empty, plane,
+            sums, out[its], winner[its],
+        )  # fmt: skip
+    return Convolved(out, winner, live)
 
 
-def gradients(gradient: Rows, done: Convolved, weight: Rows, level: Level) -> tuple[Rows, Rows]:
-    """The gradients of ``convolve_patches`` by its rows and weight, from that by its ``out``."""
+def gradients(
+    gradient: Rows,
+    rows: Rows,
+    winner: NDArray[np.uint8],
+    live: NDArray[np.bool_],
+    weight: Rows,
+    level: Level,
+) -> tuple[Rows, Rows]:
+    """The gradients of ``convolve_patches`` by its rows and weight, from that by its ``out``.
+
+    ``winner`` and ``live`` as of Convolved.
+    """
     cut = level.patches
     assert cut is not None
     _, inputs, channels = weight.shape
-    by_products = np.empty((len(done.values), channels), np.float32)
-    plane, scratch = np.empty((2, POINTS, channels), np.float32)
-    _spread(
-        gradient, done.winner, cut.rows, done.live, cut.sizes, cut.places, cut.targets,
-        _INTERPOLATION, level.stand_in.shape[1] - 1, plane, scratch, by_products,
-    )  # fmt: skip
-    by_weight, by_values = np.zeros_like(weight), np.empty_like(done.values)
-    for point, part in _points(cut):
-        np.dot(done.values[part].T, by_products[part], out=by_weight[point])
-        np.dot(by_products[part], weight[point].T, out=by_values[part])
-    by_rows = np.empty((len(done.live), inputs), np.float32)
+    by_weight, by_rows = np.zeros_like(weight), np.empty((len(rows), inputs), np.float32)
+    values, by_products = (np.empty((cut.most, each), np.float32) for each in (inputs, channels))
     scratch = np.empty((LONGEST * SIDE, inputs), np.float32)
-    _to_rows(by_values, cut.rows, cut.sizes, cut.places, _EVALUATION, scratch, by_rows)
+    plane, across = np.empty((2, POINTS, channels), np.float32)
+    outputs = level.stand_in.shape[1] - 1
+    for number, group in enumerate(cut.groups(outputs)):
+        its, where = group.blocks, (group.rows, group.sizes, group.places)
+        # Found again: what a cache holds costs less than what was written to memory meanwhile.
+        _to_points(rows, *where, _EVALUATION, scratch, values)
+        _spread(
+            gradient[its], winner[its], group.rows, live, group.sizes, group.places, group.targets,
+            _INTERPOLATION, outputs, plane, across, by_products,
+        )  # fmt: skip
+        for point, begin, end in group.points():
+            part, there = by_products[begin:end], values[begin:end]
+            if number:
+                by_weight[point] += np.dot(there.T, part)
+            else:
+                np.dot(there.T, part, out=by_weight[point])
+            np.dot(part, weight[point].T, out=there)  # by the values, in their place
+        _to_rows(values, *where, _EVALUATION, scratch, by_rows)
     return by_rows, by_weight
-
-
-def _points(cut: Patches) -> list[tuple[int, slice]]:
-    """Points that any patch has, and where their values stand."""
-    pairs = enumerate(pairwise(cut.starts.tolist()))
-    return [(point, slice(begin, end)) for point, (begin, end) in pairs if begin < end]
 
 
 def weight_at_points(weight: NDArray[np.float32]) -> Rows:
@@ -305,5 +320,5 @@ def weight_at_points(weight: NDArray[np.float32]) -> Rows:
     return (kernel_evaluation() @ taps).reshape(POINTS, inputs, outputs)
 
 
-KERNELS = (_to_points, _pool)
+KERNELS = (_find_live, _to_points, _pool)
 """What acting calls from Python."""

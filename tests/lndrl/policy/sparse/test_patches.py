@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from lndrl.policy.sparse import MapStructure, drawn_structure
+from lndrl.policy.sparse import MapStructure, drawn_structure, patches
 from lndrl.policy.sparse.patches import Patches
 from lndrl.policy.sparse.points import LONGEST, POINTS, SIDE
 from lndrl.policy.sparse.structure import STAND_IN
@@ -55,16 +55,54 @@ def test_every_row_lies_in_one_patch(pooling: int, seed: int, share: float) -> N
 
 
 @pytest.mark.parametrize("pooling", [1, 2])
-def test_places_are_those_of_the_points_in_order(pooling: int) -> None:
+@pytest.mark.parametrize("most", [1, 100, 10**6])
+def test_places_are_those_of_the_points_in_order(
+    pooling: int, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(patches, "_GROUP", most)
     marks = np.random.default_rng(4).random((3, STAND_IN[2], STAND_IN[2])) < 0.1
     for cut, _, _ in cuts(marks, pooling):
         used = cut.places[cut.places >= 0]
-        np.testing.assert_array_equal(np.sort(used), np.arange(cut.starts[-1]))
-        for point in range(POINTS):
-            has = (cut.sizes[:, 0] + 2 > point // SIDE) & (cut.sizes[:, 1] + 2 > point % SIDE)
-            expected = cut.starts[point] + np.arange(has.sum())
-            np.testing.assert_array_equal(cut.places[has, point], expected)
-            assert (cut.places[~has, point] == -1).all()
+        np.testing.assert_array_equal(np.sort(used), np.arange(cut.starts[-1, -1]))
+        assert len(cut.group_ends) == len(cut.starts) and (len(cut.starts) > 1) == (most < 10**6)
+        first = 0
+        for end, starts in zip(cut.ends[cut.group_ends - 1], cut.starts, strict=True):
+            sizes, places = cut.sizes[first:end], cut.places[first:end]
+            for point in range(POINTS):
+                has = (sizes[:, 0] + 2 > point // SIDE) & (sizes[:, 1] + 2 > point % SIDE)
+                expected = starts[point] + np.arange(has.sum())
+                np.testing.assert_array_equal(places[has, point], expected)
+                assert (places[~has, point] == -1).all()
+            first = end
+
+
+@pytest.mark.parametrize("most", [1, 100, 10**6])
+def test_groups_are_whole_samples_and_all_of_them(
+    most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where samples without anybody begin, end and part the others."""
+    monkeypatch.setattr(patches, "_GROUP", most)
+    marks = np.random.default_rng(5).random((9, STAND_IN[2], STAND_IN[2])) < 0.02
+    marks[[0, 3, 4, 8]] = False
+    for cut, _, _ in cuts(marks, 2):
+        groups = list(cut.groups(4))
+        assert (len(groups) == 1) == (most == 10**6)
+        assert sum(len(group.sizes) for group in groups) == len(cut.sizes)
+        assert sum(len(group.ends) for group in groups) == len(marks)
+        patch, block = 0, 0
+        for group in groups:
+            mine = slice(patch, patch + len(group.sizes))
+            targets = group.targets + 4 * block
+            np.testing.assert_array_equal(
+                targets[group.targets >= 0], cut.targets[mine][cut.targets[mine] >= 0]
+            )
+            assert ((group.targets >= 0) == (cut.targets[mine] >= 0)).all()
+            assert group.targets.max(initial=-1) < 4 * group.block_ends[-1]
+            assert group.ends[-1] == len(group.sizes)
+            assert group.blocks == slice(block, block + int(group.block_ends[-1]))
+            assert group.starts[-1] == (group.sizes + 2).prod(axis=1).sum() <= cut.most
+            patch, block = mine.stop, group.blocks.stop
+        assert block == cut.block_ends[-1]
 
 
 def test_targets_lie_around_the_patch() -> None:
