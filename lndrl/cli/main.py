@@ -50,7 +50,7 @@ SUMMARIES = {
     "config": "Show, compare and explain configurations.",
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
-    "curves": "Draw a run's learning curves and write them as a table.",
+    "curves": "Draw learning curves of one run or several and write them as a table.",
     "chaos": "Let a run suffer faults on purpose and count that nothing is lost.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",
