@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from typing import Any
 
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
-from lndrl.wilson import wilson_interval
+from lndrl.wilson import NORMAL_QUANTILE_95, wilson_interval
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,15 @@ class Spread:
             return cls(None, None, 0)
         mean = statistics.fmean(data)
         return cls(mean, statistics.pstdev(data, mean), len(data))
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Normal 95 % interval ``(low, high)`` of the mean; None below two episodes."""
+        if self.mean is None or self.deviation is None or self.episodes < 2:
+            return None
+        # The population's deviation over the root of n - 1 is the sample's over that of n.
+        half = NORMAL_QUANTILE_95 * self.deviation / math.sqrt(self.episodes - 1)
+        return self.mean - half, self.mean + half
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types: mean, deviation, number of episodes that count."""

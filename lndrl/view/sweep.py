@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from lndrl.errors import UserError
+from lndrl.view.document import Row, markdown_table
 from lndrl.view.progress import StatusLine
 from lndrl.view.text import MISSING, duration, number
 from lndrl.wording import counted
@@ -23,10 +22,6 @@ LINE_EVERY = 300.0
 
 MARK = " *"
 """Ends a difference whose 95 % interval leaves 0 out."""
-
-END = "<!-- end -->"
-
-Row = tuple[str, ...]
 
 
 # -- while it works -----------------------------------------------------------------------------
@@ -140,7 +135,7 @@ def sweep_tables(figures: SweepFigures) -> list[Table]:
 
 def sweep_markdown(figures: SweepFigures) -> str:
     """Tables, legend and what each variant is for, as Markdown."""
-    parts = [_markdown(*outcome_rows(figures)), _markdown(*learning_rows(figures))]
+    parts = [markdown_table(*outcome_rows(figures)), markdown_table(*learning_rows(figures))]
     parts += [line.replace("*", "\\*") for line in legend(figures)]
     common = " ".join(f"`{setting}`" for setting in figures.sweep.spec.set)
     if common:
@@ -149,46 +144,6 @@ def sweep_markdown(figures: SweepFigures) -> str:
         "\n".join(f"- **{each.name}**: {each.why}" for each in figures.variants if each.settings)
     )
     return "\n\n".join(parts)
-
-
-def write_between_marks(path: Path, name: str, text: str) -> None:
-    """Put ``text`` between the marks of sweep ``name`` in ``path``, which is made if need be.
-
-    Raises UserError as ``check_document`` does, and where ``path`` cannot be written.
-    """
-    before, after = check_document(path, name)
-    try:
-        path.write_text(f"{before}{_begin(name)}\n\n{text}\n\n{END}{after}", encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror})") from None
-
-
-def check_document(path: Path, name: str) -> tuple[str, str]:
-    """What stands before and after the part of sweep ``name``: before the work, not after.
-
-    Raises UserError for a file without its marks, another ending, or a missing folder.
-    """
-    if path.suffix != ".md":
-        raise UserError(f"--markdown {path}: must end in .md")
-    if not path.parent.is_dir():
-        raise UserError(f"--markdown {path}: the folder {path.parent} does not exist")
-    if not path.exists():
-        return "", "\n"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read ({error})") from None
-    before, begin, rest = text.partition(_begin(name))
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise UserError(
-            f"{path}: has no place for the sweep; put the lines {_begin(name)} and {END} into it"
-        )
-    return before, after
-
-
-def _begin(name: str) -> str:
-    return f"<!-- sweep {name} -->"
 
 
 def _seeds(variant: VariantFigures, planned: int) -> str:
@@ -242,13 +197,3 @@ def _number(value: float) -> str:
 def _minus(words: str) -> str:
     """A proper minus before a number; exponents keep theirs."""
     return f"−{words[1:]}" if words.startswith("-") else words
-
-
-def _markdown(head: Row, rows: Sequence[Row]) -> str:
-    lines = [_line(head), "|" + "---|" * len(head)]
-    lines += [_line(tuple(cell.replace("*", "\\*") for cell in row)) for row in rows]
-    return "\n".join(lines)
-
-
-def _line(cells: Row) -> str:
-    return "| " + " | ".join(cells) + " |"

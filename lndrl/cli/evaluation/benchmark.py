@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 RESULTS = Path("results")
 NAME = "benchmark"
-EPISODES = 500
-"""Per method and scenario, as in the paper."""
 
 
 def benchmark(
@@ -79,6 +77,7 @@ def benchmark(
     trust(trust_modules)
     from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import (
+        EPISODES,
         Plan,
         ResultsFolder,
         check_frozen,
@@ -101,7 +100,7 @@ def benchmark(
             _pack(bench, folder, pack, count, chosen, shown)
             return
         if name is None and source is None:
-            folder = _there(bench, file, folder)
+            folder = results_there(bench, file, folder)
         _show(bench, folder, chosen, shown, episodes, json)
         return
     found, missing = contenders(bench, chosen, localization, greedy, file.parent)
@@ -128,7 +127,7 @@ def _check(
         raise UserError(f"--from {source} and --name {name} name two folders; give one")
 
 
-def _there(bench: BenchmarkSpec, file: Path, own: ResultsFolder) -> ResultsFolder:
+def results_there(bench: BenchmarkSpec, file: Path, own: ResultsFolder) -> ResultsFolder:
     """``own`` results, or where there are none those that come with the program."""
     from lndrl.evaluation.benchmark import IDENTITY, shipped_results
 

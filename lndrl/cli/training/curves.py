@@ -12,36 +12,73 @@ from lndrl.wording import counted
 
 
 def curves(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder, e.g. runs/first.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Run folders, e.g. runs/first.")
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="STEM",
-            help="Writes STEM.png, STEM.csv and what was validated; default: RUN/curves.",
+            help="Writes STEM.png, STEM.csv and, of one run, what was validated; default of one"
+            " run: RUN/curves.",
         ),
     ] = None,
 ) -> None:
-    """Draw a run's learning curves and write them as a table."""
+    """Draw learning curves of one run, or several in one picture, and write them as a table.
+
+    Example: lndrl curves runs/a runs/b --out both
+    """
+    chosen = list(dict.fromkeys(runs))
+    for run in chosen:
+        if not run.is_dir():
+            raise UserError(f"{run}: no such run folder")
+    if len(chosen) > 1 and out is None:
+        raise UserError(f"--out: say where the curves of {len(chosen)} runs go, e.g. --out curves")
+    stem = out or chosen[0] / "curves"
+    picture, table = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".csv")
+    try:
+        if len(chosen) == 1:
+            told = _one(chosen[0], picture, table, stem)
+        else:
+            told = _several(chosen, picture, table)
+    except OSError as error:
+        raise UserError(f"--out {stem}: cannot be written ({error.strerror})") from None
+    typer.echo(f"{picture} and {table}: {told}")
+
+
+def _one(run: Path, picture: Path, table: Path, stem: Path) -> str:
+    """Draw and write one run; what was, in words."""
     from lndrl.curve import read_curve
     from lndrl.evaluation.run_metrics import read_metrics
     from lndrl.view.pictures.curves import save_curves, value_at, write_csv, write_validated
 
-    if not run.is_dir():
-        raise UserError(f"{run}: no such run folder")
     rows = read_metrics(run / "metrics.jsonl")
     curve = read_curve(run / "metrics.jsonl")
-    stem = out or run / "curves"
-    picture, table = stem.with_name(stem.name + ".png"), stem.with_name(stem.name + ".csv")
-    try:
-        title = run.name
-        if (steps := value_at(rows[-1], "steps")) is not None:
-            title += f": {counted(int(steps), 'step')}"
-        save_curves(rows, picture, title, validated=curve)
-        write_csv(rows, table)
-        if curve:
-            write_validated(curve, stem.with_name(stem.name + "-validated.csv"))
-    except OSError as error:
-        raise UserError(f"--out {stem}: cannot be written ({error.strerror})") from None
-    validated = f", {counted(len(curve), 'validated version')} in {stem.name}-validated.csv"
-    told = f"{picture} and {table}: {counted(len(rows), 'update')}"
-    typer.echo(told + (validated if curve else ""))
+    title = run.name
+    if (steps := value_at(rows[-1], "steps")) is not None:
+        title += f": {counted(int(steps), 'step')}"
+    save_curves(rows, picture, title, validated=curve)
+    write_csv(rows, table)
+    told = counted(len(rows), "update")
+    if not curve:
+        return told
+    write_validated(curve, stem.with_name(stem.name + "-validated.csv"))
+    return f"{told}, {counted(len(curve), 'validated version')} in {stem.name}-validated.csv"
+
+
+def _several(runs: list[Path], picture: Path, table: Path) -> str:
+    """Draw and write several runs together; what was, in words."""
+    from lndrl.curve import read_curve
+    from lndrl.evaluation.run_metrics import read_metrics
+    from lndrl.view.pictures.many_curves import Curves, names_of, save_many_curves, write_many_csv
+
+    found = [
+        Curves(name, read_metrics(run / "metrics.jsonl"), read_curve(run / "metrics.jsonl"))
+        for name, run in zip(names_of(runs), runs, strict=True)
+    ]
+    save_many_curves(found, picture)
+    write_many_csv(found, table)
+    updates = sum(len(run.rows) for run in found)
+    versions = sum(len(run.validated) for run in found)
+    told = f"{counted(len(runs), 'run')}, {counted(updates, 'update')}"
+    return f"{told}, {counted(versions, 'validated version')}" if versions else told

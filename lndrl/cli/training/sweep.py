@@ -67,10 +67,10 @@ def sweep(
 
 
 def _check(name: str, markdown: Path | None, plot: Path | None) -> None:
-    from lndrl.view.sweep import check_document
+    from lndrl.view.document import check_document
 
     if markdown is not None:
-        check_document(markdown, name)
+        check_document(markdown, "sweep", name)
     if plot is not None and plot.suffix != ".png":
         raise UserError(f"--plot {plot}: must end in .png")
     if plot is not None and not plot.parent.is_dir():
@@ -101,9 +101,10 @@ def _at_once() -> str:
 
 def _show(figures: SweepFigures, json: bool, markdown: Path | None, plot: Path | None) -> None:
     if markdown is not None:
-        from lndrl.view.sweep import sweep_markdown, write_between_marks
+        from lndrl.view.document import write_between_marks
+        from lndrl.view.sweep import sweep_markdown
 
-        write_between_marks(markdown, figures.sweep.name, sweep_markdown(figures))
+        write_between_marks(markdown, "sweep", figures.sweep.name, sweep_markdown(figures))
     if plot is not None:
         from lndrl.view.pictures.sweep_curves import save_sweep
 

@@ -11,7 +11,7 @@ from lndrl.evaluation.benchmark.calibration import (
 )
 from lndrl.evaluation.benchmark.figures import Paired, Row, mcnemar, rows_of, summary_of
 from lndrl.evaluation.benchmark.handing import SHIPPED, check_bench, pack, shipped_results
-from lndrl.evaluation.benchmark.paper import PAPER
+from lndrl.evaluation.benchmark.paper import EPISODES, PAPER
 from lndrl.evaluation.benchmark.replay import (
     Drive,
     Replay,
@@ -45,6 +45,7 @@ from lndrl.evaluation.benchmark.worst import (
 __all__ = [
     "BENCHMARK",
     "CALIBRATION",
+    "EPISODES",
     "IDENTITY",
     "METHOD",
     "PAPER",

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+EPISODES = 500
+"""Per method and scenario."""
+SCENARIOS = 5
+
 
 @dataclass(frozen=True)
 class PaperRow:

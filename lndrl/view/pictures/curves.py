@@ -96,10 +96,11 @@ def write_csv(rows: Sequence[Row], path: Path | str) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow(_cell(value_at(row, key)) for key in COLUMNS.values())
+            writer.writerow(table_cell(value_at(row, key)) for key in COLUMNS.values())
 
 
-def _cell(value: float | None) -> str:
+def table_cell(value: float | None) -> str:
+    """A number as the tables have it, nothing for None."""
     if value is None:
         return ""
     return str(value) if isinstance(value, int) else f"{value:.6g}"

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep import Job, Progress, SweepFigures, sweep_figures
+from lndrl.view.document import write_between_marks
 from lndrl.view.pictures.sweep_curves import save_sweep
 from lndrl.view.sweep import (
     SweepDisplay,
@@ -18,7 +19,6 @@ from lndrl.view.sweep import (
     status_line,
     sweep_markdown,
     sweep_tables,
-    write_between_marks,
 )
 from tests.lndrl.evaluation.sweep.helpers_sweep import rows_of, small_sweep, write_run
 
@@ -57,15 +57,15 @@ def test_the_document_keeps_what_stands_around(figures: SweepFigures, tmp_path: 
     assert "- **one**: less" in text
     path = tmp_path / "doc.md"
     path.write_text("a\n<!-- sweep small -->\nold\n<!-- end -->\nb\n<!-- end -->\n")
-    write_between_marks(path, "small", text)
-    write_between_marks(path, "small", text)
+    write_between_marks(path, "sweep", "small", text)
+    write_between_marks(path, "sweep", "small", text)
     kept = path.read_text()
     assert kept.startswith("a\n<!-- sweep small -->\n\n| variant")
     assert kept.endswith("\n\n<!-- end -->\nb\n<!-- end -->\n")
     assert "old" not in kept and kept.count("| variant |") == 2
     with pytest.raises(UserError, match="put the lines <!-- sweep other --> and"):
-        write_between_marks(path, "other", text)
-    write_between_marks(tmp_path / "new.md", "small", "words")
+        write_between_marks(path, "sweep", "other", text)
+    write_between_marks(tmp_path / "new.md", "sweep", "small", "words")
     assert (tmp_path / "new.md").read_text() == "<!-- sweep small -->\n\nwords\n\n<!-- end -->\n"
 
 

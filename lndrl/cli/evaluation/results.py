@@ -1,0 +1,77 @@
+"""``lndrl results``: what the bench has found so far, as a page."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lndrl.cli.evaluation.benchmark import NAME, RESULTS, results_there
+from lndrl.cli.options import BenchName, names_in
+
+
+def results(
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="FOLDER",
+            help="Results of lndrl benchmark. [default: results/benchmark, else those that come"
+            " with the program]",
+            show_default=False,
+        ),
+    ] = None,
+    methods: Annotated[
+        str | None, typer.Option(metavar="M,...", help="Rows; default: all that are there.")
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M",
+            help="The row that others are compared with and goals are for. [default: lndrl; where"
+            " it is not there, the first row that is, and no goal is judged]",
+            show_default=False,
+        ),
+    ] = None,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.md",
+            help="Write the tables there, between <!-- results NAME --> and <!-- end -->; NAME is"
+            " the folder's, e.g. v2.",
+        ),
+    ] = None,
+    spec: BenchName = None,
+    json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
+) -> None:
+    """Show results of the bench beside the paper, paired comparisons and the goals.
+
+    Runs nothing. Example: lndrl results --reference careful --markdown page.md
+    """
+    from lndrl.config import DEFAULTS, find
+    from lndrl.evaluation.benchmark import ResultsFolder, load_benchmark
+    from lndrl.evaluation.benchmark.results import gather
+    from lndrl.view.document import check_document, write_between_marks
+
+    file = find("bench", spec or DEFAULTS["bench"])
+    bench = load_benchmark(file)
+    folder = ResultsFolder(source or RESULTS / NAME)
+    if source is None:
+        folder = results_there(bench, file, folder)
+    if markdown is not None:
+        check_document(markdown, "results", folder.path.name)
+    found = gather(bench, folder, names_in(methods), reference)
+    from lndrl.view.results import results_markdown, results_tables
+
+    if markdown is not None:
+        write_between_marks(markdown, "results", folder.path.name, results_markdown(found))
+    if json:
+        typer.echo(json_format.dumps(found.to_dict(), indent=2))
+        return
+    from lndrl.cli.tables import print_tables
+
+    print_tables(*results_tables(found))
+    for note in found.notes():
+        typer.echo(note)

@@ -1,0 +1,158 @@
+"""A results folder as text: tables for a terminal and the same for a Markdown document."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+from rich.text import Text
+
+from lndrl.evaluation.benchmark.paper import EPISODES, SCENARIOS
+from lndrl.evaluation.benchmark.table import (
+    Cell,
+    metric_cells,
+    metric_head,
+    probability,
+    published_cells,
+)
+from lndrl.view.document import Row, markdown_table
+from lndrl.view.text import MISSING
+
+if TYPE_CHECKING:
+    from lndrl.evaluation.benchmark.results import Difference, Results
+
+VERDICT = {True: "met", False: "not met", None: "not there yet"}
+_STYLE = {"met": "green", "not met": "red", "not there yet": "dim"}
+_LARGE = 10.0
+_OUTCOMES = ("arrival", "collision", "lost", "stuck")
+
+
+def metric_rows(results: Results, between: str = " ") -> tuple[Row, list[Row]]:
+    """Head and rows: the nine metrics and the hazard, the paper's row below ours."""
+    head = ("method", "episodes", *metric_head())
+    rows: list[Row] = []
+    for row in results.rows:
+        cells = (_with_interval(cell, between) for cell in metric_cells(row))
+        rows.append((row.method, f"{len(row.records):,}", *cells))
+        published = published_cells(row.method)
+        if published is not None:
+            whole = f"{EPISODES * SCENARIOS:,}"
+            rows.append(("  published", whole, *(MISSING if p == "-" else p for p in published)))
+    return head, rows
+
+
+def scenario_rows(results: Results) -> tuple[Row, list[Row]]:
+    """Head and rows: how episodes end in every scenario, in per cent."""
+    names = list(dict.fromkeys(s for row in results.rows for s in row.scenarios))
+    rows = []
+    for row in results.rows:
+        cells = []
+        for name in names:
+            metrics = row.within(name).metrics
+            rates = [100 * getattr(metrics, outcome).value for outcome in _OUTCOMES]
+            known = name in row.scenarios
+            cells.append(" / ".join(f"{rate:.1f}" for rate in rates) if known else MISSING)
+        rows.append((row.method, *cells))
+    return ("method", *names), rows
+
+
+def paired_rows(results: Results, between: str = " ") -> tuple[Row, list[Row]]:
+    """Head and rows: the reference less every other row, in points."""
+    head = ("against", "episodes", "arrived", "p", "pairs", "lost", "p", "pairs")
+    rows = [
+        (
+            each.method,
+            f"{each.arrived.episodes:,}",
+            *_difference(each.arrived, between),
+            *_difference(each.lost, between),
+        )
+        for each in results.comparisons
+    ]
+    return head, rows
+
+
+def goal_rows(results: Results) -> tuple[Row, list[Row]]:
+    """Head and rows: every goal, what is seen of it, and the verdict."""
+    rows = [(each.goal, each.seen or MISSING, VERDICT[each.met]) for each in results.goals]
+    return ("goal", "seen", "verdict"), rows
+
+
+def captions(results: Results) -> tuple[str, str, str, str]:
+    """A sentence or two above each of the four tables."""
+    identity, name = results.identity, results.reference.method
+    return (
+        f"Version {identity.bench_version} of the bench, seed {identity.seed}, all scenarios "
+        "together, with 95 % intervals; h is lost per 1,000 control steps.",
+        "Arrived / collided / lost / stuck in every scenario (%).",
+        f"{name} less each other row over the same episodes: points with paired 95 % intervals, "
+        f"exact McNemar p, and in how many episodes only {name} : only the other ended so.",
+        f"Goals for {results.judged}.",
+    )
+
+
+def results_tables(results: Results) -> list[Table]:
+    """What a terminal shows."""
+    pages = (
+        metric_rows(results, "\n"),
+        scenario_rows(results),
+        paired_rows(results, "\n"),
+        goal_rows(results),
+    )
+    tables = []
+    for title, (head, rows) in zip(captions(results), pages, strict=True):
+        if not rows:
+            continue
+        table = Table(title=title, title_justify="left")
+        for i, name in enumerate(head):
+            table.add_column(Text(name), justify="left" if i == 0 or head[0] == "goal" else "right")
+        for row in rows:
+            style = "dim" if row[0] == "  published" else None
+            table.add_row(*(Text(cell, _STYLE.get(cell, "")) for cell in row), style=style)
+        tables.append(table)
+    return tables
+
+
+def results_markdown(results: Results) -> str:
+    """The four tables with their captions, and what is not there, as Markdown."""
+    pages = (
+        metric_rows(results),
+        scenario_rows(results),
+        paired_rows(results),
+        goal_rows(results),
+    )
+    parts = []
+    for caption, (head, rows) in zip(captions(results), pages, strict=True):
+        if rows:
+            parts += [caption, markdown_table(head, [_emphasized(row) for row in rows])]
+    return "\n\n".join([*parts, *results.notes()])
+
+
+def _emphasized(row: Row) -> Row:
+    return ("_published_", *row[1:]) if row[0] == "  published" else row
+
+
+def _with_interval(cell: Cell, between: str) -> str:
+    """As many digits in the interval as in the figure; of seconds and metres one is enough."""
+    if cell.value is None:
+        return MISSING
+    digits = 1 if cell.value >= _LARGE else cell.digits
+    words = f"{cell.value:.{digits}f}"
+    if cell.interval is None:
+        return words
+    low, high = cell.interval
+    return f"{words}{between}({low:.{digits}f}–{high:.{digits}f})"
+
+
+def _difference(difference: Difference, between: str) -> Sequence[str]:
+    low, high = (_points(end) for end in difference.interval)
+    return (
+        f"{_points(difference.value)}{between}({low} to {high})",
+        probability(difference.p),
+        f"{difference.only_first:,} : {difference.only_second:,}",
+    )
+
+
+def _points(share: float) -> str:
+    """A signed difference of rates; a proper minus."""
+    return f"{100 * share:+.1f}".replace("-", "−")

@@ -1,0 +1,136 @@
+"""``lndrl results``: what it shows, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lndrl.cli.main import run as lndrl
+from lndrl.evaluation.benchmark import Identity, ResultsFolder, load_benchmark
+from lndrl.evaluation.benchmark.results import page
+from tests.lndrl.evaluation.benchmark.results.rows import record
+
+PLACES = ("hall", "sparse")
+METHODS = {"careful": "aaal", "dwa": "acla", "lndrl": "aaaa", "drl_laser": "a"}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Some rows of a bench of two places in results/mine; four episodes of each are all."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(page, "EPISODES", 4)
+    bench = load_benchmark()
+    found = ResultsFolder(tmp_path / "results/mine")
+    names = {name: {"identity": name} for name in METHODS}
+    frozen = {place: bench.frozen[place] for place in PLACES}
+    found.claim(Identity(0, "0.1", frozen, names, bench_version=bench.version))
+    for method, outcomes in METHODS.items():
+        for place in PLACES:
+            found.keep(method, place, [record(o, k) for k, o in enumerate(outcomes)])
+    rows = "dwa: {planner: dwa}\n  careful: {planner: careful}\n  lndrl: {planner: runs/l}\n"
+    rows += "  drl_laser: {planner: runs/d}\n  paper: {planner: runs/p}\n"
+    frozen_lines = "".join(f"  {place}: {digits}\n" for place, digits in frozen.items())
+    Path("bench.yaml").write_text(
+        f"version: {bench.version}\nscenarios: [hall, sparse]\nfrozen:\n{frozen_lines}"
+        f"kernel_revision: {bench.kernel_revision}\nmethods:\n  {rows}"
+    )
+    return found.path
+
+
+HERE = ["results", "--from", "results/mine", "--spec", "bench.yaml"]
+
+
+def figures(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict:
+    assert lndrl([*HERE, "--json", *arguments]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_rows_come_in_the_order_of_the_bench(capsys: pytest.CaptureFixture[str]) -> None:
+    found = figures(capsys)
+    assert [row["method"] for row in found["rows"]] == ["dwa", "careful", "lndrl", "drl_laser"]
+    assert found["rows"][0]["paper"]["ar"] == 0.631 and found["rows"][1]["paper"] is None
+    assert found["rows"][0]["mean_intervals"]["position_error"] == [10.0, 10.0]
+    assert [(row["method"], row["scenarios"]) for row in found["by_scenario"]][:2] == [
+        ("dwa", ["hall"]), ("dwa", ["sparse"]),
+    ]  # fmt: skip
+
+
+def test_ours_is_compared_with_all_others(capsys: pytest.CaptureFixture[str]) -> None:
+    found = figures(capsys)
+    assert found["reference"] == found["goals"]["method"] == "lndrl"
+    paired = {each["method"]: each for each in found["paired"]}
+    assert list(paired) == ["dwa", "careful", "drl_laser"]
+    assert paired["dwa"]["arrived"]["difference"] == 0.5
+    assert paired["dwa"]["lost"]["only_second"] == 2
+    assert paired["drl_laser"]["episodes"] == 2
+
+
+def test_rows_that_are_not_there_or_not_whole_are_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = figures(capsys)
+    assert found["missing"] == ["paper"]
+    assert found["notes"] == [
+        "Not tested yet, and left out: paper.",
+        "Of 8 episodes drl_laser has 2; the goals take such rows as not there yet.",
+    ]
+    verdicts = [each["verdict"] for each in found["goals"]["verdicts"]]
+    assert verdicts == ["met"] * 3 + ["not there yet", "met", "not there yet"]
+
+
+def test_without_ours_the_first_row_is_the_reference_and_no_goal_is_judged(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = figures(capsys, "--methods", "careful,dwa")
+    assert found["reference"] == "careful" and found["goals"]["method"] == "lndrl"
+    assert {each["verdict"] for each in found["goals"]["verdicts"]} == {"not there yet"}
+    assert found["notes"] == ["The goals are for lndrl, which is not there yet."]
+    found = figures(capsys, "--reference", "dwa", "--methods", "careful")
+    assert [row["method"] for row in found["rows"]] == ["careful", "dwa"]
+    assert found["goals"]["verdicts"][0]["verdict"] == "not met"
+
+
+def test_tables_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lndrl(HERE) == 0
+    out = capsys.readouterr().out
+    for words in ("0.500", "published", "50.0 / 25.0 / 25.0 / 0.0", "4 : 0", "not there yet"):
+        assert words in out
+    assert out.splitlines()[-1].startswith("Of 8 episodes drl_laser has 2")
+
+
+def test_a_document_is_written_between_its_marks(capsys: pytest.CaptureFixture[str]) -> None:
+    document = Path("page.md")
+    document.write_text("# Page\n\n<!-- results mine -->\nold\n<!-- end -->\n\nAfter.\n")
+    for _ in range(2):
+        assert lndrl([*HERE, "--markdown", "page.md"]) == 0
+    text = document.read_text()
+    assert text.startswith("# Page\n\n<!-- results mine -->\n\nVersion ")
+    assert text.endswith("<!-- end -->\n\nAfter.\n") and "old" not in text
+    assert "| dwa | 8 | 0.500 (0.215–0.785) |" in text
+    assert "| _published_ | 2,500 | 0.631 |" in text
+    assert "| dwa | 8 | +50.0 (" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--from", "nowhere"], "nowhere: holds no results of lndrl benchmark"),
+        (["--reference", "paper"], "--reference paper: results/mine has no episode of it; it has"),
+        (["--reference", "lndr"], "method 'lndr' is unknown; did you mean lndrl"),
+        (["--methods", "dwaa"], "did you mean dwa"),
+        (["--methods", "paper"], "holds no finished episode of what was asked for"),
+        (["--markdown", "page.txt"], "--markdown page.txt: must end in .md"),
+        (["--markdown", "away/page.md"], "the folder away does not exist"),
+        (["--markdown", "full.md"], "full.md: has no place for the results; put the lines <!-- re"),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("full.md").write_text("words\n")
+    assert lndrl([*HERE, *arguments]) == 2
+    error = capsys.readouterr().err.strip()
+    assert sentence in error and len(error.splitlines()) == 1
+    assert Path("full.md").read_text() == "words\n"
