@@ -39,7 +39,7 @@ SUMMARIES = {
     "benchmark": "Fill and show the paper's table: methods x scenarios x episodes.",
     "results": "Show results beside the paper, paired comparisons and the goals.",
     "calibrate": "Hold variants of the bench against the paper's DWA row.",
-    "figures": "Draw trajectories, a network's first layer, or the worst episodes of a result.",
+    "figures": "Draw trajectories, a first layer, the worst episodes, or how two methods differ.",
     "localization": "Measure the filter on recorded drives: errors, lost rate, recovery.",
     "lost": "Say why a planner or policy gets lost: how, when and where.",
     "play": "Draw an episode of a policy as a picture or an animation.",

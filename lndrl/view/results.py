@@ -74,7 +74,9 @@ def paired_rows(results: Results, between: str = " ") -> tuple[Row, list[Row]]:
 
 def goal_rows(results: Results) -> tuple[Row, list[Row]]:
     """Head and rows: every goal, what is seen of it, and the verdict."""
-    rows = [(each.goal, each.seen or MISSING, VERDICT[each.met]) for each in results.goals]
+    rows: list[Row] = [
+        (each.goal, each.seen or MISSING, VERDICT[each.met]) for each in results.goals
+    ]
     return ("goal", "seen", "verdict"), rows
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.evaluation.behaviour import behaviour
 from lndrl.cli.evaluation.benchmark import RESULTS
 from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, check_picture, names_in, trust
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 
 figures = typer.Typer(
     add_completion=False,
-    help="Draw trajectories, a network's first layer, or the worst episodes of a result.",
+    help="Draw trajectories, a network's first layer, the worst episodes of a result, or where two"
+    " methods behave otherwise.",
 )
+figures.command("behaviour")(behaviour)
 
 Out = Annotated[
     Path | None, typer.Option(metavar="FILE.png", help="Default: named by what is drawn.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from lndrl.cli.main import run as lndrl
 from lndrl.config import load_config
+from lndrl.evaluation.benchmark import ResultsFolder
 from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.policy import build_policy, policy_metadata, to_bytes
 
@@ -30,6 +32,8 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("figures")
     (folder / "room.yaml").write_text(ROOM)
     (folder / "bench.yaml").write_text(BENCH)
+    (folder / "two.yaml").write_text(BENCH.replace("random", "straight"))
+    (folder / "many.yaml").write_text(BENCH.replace("room.yaml", "random"))
     (folder / "fresh").mkdir()
     config = load_config(DEFAULT_CONFIG, SMALL)
     blob = to_bytes(build_policy(config), policy_metadata(config, 0, 0))
@@ -39,6 +43,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
+MANY = ["--scenario", "random", "--spec", "many.yaml"]
 HERE = ["--scenario", "room.yaml", "--spec", "bench.yaml"]
 
 
@@ -85,9 +90,38 @@ def test_the_worst_of_a_result_and_one_that_is_driven_otherwise(
     assert told[0].endswith("(recorded: lost after 2.8 s)")
 
 
+def test_behaviour_of_two_in_the_same_episodes(
+    room: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fill = ["--episodes", "9", "--workers", "0"]
+    command = ["figures", "behaviour", "fresh", "straight", *fill]
+    assert lndrl([*command, *HERE, "--json", "--out", "b.png"]) == 0
+    printed = capsys.readouterr()
+    assert "18 of 18 episodes" in printed.err and "drew b.png" in printed.err
+    found = json.loads(printed.out)
+    fresh, straight = found["methods"]
+    assert (fresh["method"], straight["method"], straight["episodes"]) == ("fresh", "straight", 9)
+    assert straight["waiting"] < fresh["waiting"] and straight["turn"] < fresh["turn"]
+    assert (room / "b.png").stat().st_size > 10_000
+    # Each is the episode that the bench has.
+    assert lndrl(["benchmark", "--spec", "two.yaml", "--name", "two", *fill]) == 0
+    capsys.readouterr()
+    rows = ResultsFolder(Path("results/two")).records("straight", "room.yaml")
+    lost = sum(rows[k].outcome == "lost" for k in range(9))
+    steps = sum(rows[k].steps for k in range(9))
+    assert straight["hazard"] == pytest.approx(1000 * lost / steps)
+    assert sum(rows[k].outcome == "arrived" for k in range(9)) / 9 == straight["arrived"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["behaviour", "dwa", "dwa"], "dwa and dwa are the same method; name two"),
+        (["behaviour", "dwa", "carefull"], "did you mean careful"),
+        (["behaviour", "dwa", "random", "--cell", "0.1"], "--cell 0.1: must be 0.25 to 5 metres"),
+        (["behaviour", "dwa", "random", "--scenario", "hal"], "did you mean hall"),
+        (["behaviour", "dwa", "random", "--out", "b.gif"], "--out b.gif: must end in .png"),
+        (["behaviour", "dwa", "random", *MANY], "scenario random has many layouts and no map"),
         (["trajectories", "--methods", "dwaa"], "did you mean dwa"),
         (["trajectories", "--methods", ","], "no method is named"),
         (["trajectories", "--methods", "dwa", "--scenario", "hal"], "did you mean hall"),
