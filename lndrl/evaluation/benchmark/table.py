@@ -46,7 +46,7 @@ def metric_cells(row: Row) -> list[Cell]:
     hazard = row.hazard
     cells.insert(_RATES.index(HAZARD), Cell(hazard.value, hazard.interval, 2))
     spreads: list[Spread] = [getattr(metrics, name) for name in SPREADS]
-    return [*cells, *(Cell(spread.mean, spread.interval) for spread in spreads)]
+    return [*cells, *(Cell(spread.mean, _not_negative(spread)) for spread in spreads)]
 
 
 def published_cells(method: str) -> list[str] | None:
@@ -98,6 +98,14 @@ def under(cell: Cell) -> str:
 def probability(p: float) -> str:
     """``p`` to three digits."""
     return "<0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def _not_negative(spread: Spread) -> tuple[float, float] | None:
+    """The interval of a mean of what is never below 0, which a normal one knows nothing of."""
+    if spread.interval is None:
+        return None
+    low, high = spread.interval
+    return max(low, 0.0), high
 
 
 def _spread(spread: Spread) -> str:

@@ -131,7 +131,7 @@ def _draw_scale(axes: Axes, limit: float, methods: tuple[str, str], slot: float)
     assert isinstance(figure, Figure)
     shades = ScalarMappable(Normalize(-limit, limit), _COLOURS)
     bar = figure.colorbar(shades, cax=axes, orientation="horizontal", extend="both")
-    bar.outline.set(edgecolor=SLATE, linewidth=0.6)  # type: ignore[operator]
+    bar.outline.set(edgecolor=SLATE, linewidth=0.6)
     bar.ax.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
     bar.ax.tick_params(colors=INK, labelsize=8, length=2.5)
     ends = ((0.0, "left", methods[1], BLUE), (1.0, "right", methods[0], VERMILLION))

@@ -106,7 +106,8 @@ def many_figure(runs: Sequence[Curves]) -> Figure:
     """Arrived large, collided and lost small, over steps; the legend has the best run first.
 
     Lines are moving means of training over the same number of steps for all, marks the validated
-    versions with their 95 % Wilson intervals.
+    versions with their 95 % Wilson intervals. Before the first step nobody arrives, and that would
+    flatten all else: such a version is in the table alone.
     """
     longest = max(float(np.nanmax(run.steps, initial=1.0)) for run in runs)
     window = SMOOTHING * longest
@@ -116,7 +117,7 @@ def many_figure(runs: Sequence[Curves]) -> Figure:
     grid = figure.add_gridspec(2, 2, width_ratios=(1.5, 1.0))
     large = figure.add_subplot(grid[:, 0])
     small = [figure.add_subplot(grid[i, 1], sharex=large) for i in range(2)]
-    ends = []
+    ends: list[float | None] = []
     for axes, outcome in zip((large, *small), PANELS, strict=True):
         last = [_draw(axes, run, outcome, window, i) for i, run in enumerate(runs)]
         ends = ends or last
@@ -150,12 +151,13 @@ def _draw(axes: Axes, run: Curves, outcome: str, window: float, i: int) -> float
         axes.plot(steps, shares, **style, zorder=3)  # type: ignore[arg-type]
         # Of runs that began alike the shorter one would be hidden; its end is not.
         axes.plot(steps[-1:], shares[-1:], color=str(style["color"]), marker=mark, markersize=6)
-    counts = [row["sampled"] for row in run.validated]
+    trained = [row for row in run.validated if row["steps"]]
+    counts = [row["sampled"] for row in trained]
     if counts:
         rates = np.array([100 * each[outcome] / each["episodes"] for each in counts])
         ends = 100 * np.array([wilson_interval(each[outcome], each["episodes"]) for each in counts])
         axes.errorbar(
-            [row["steps"] for row in run.validated],
+            [row["steps"] for row in trained],
             rates,
             yerr=np.maximum(0.0, np.stack([rates - ends[:, 0], ends[:, 1] - rates])),
             fmt=mark,

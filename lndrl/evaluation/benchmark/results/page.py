@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -62,8 +62,14 @@ class Results:
 
     @cached_property
     def goals(self) -> list[Verdict]:
-        """Of rows that are whole; others count as not there yet."""
-        return verdicts(self.judged, {r.method: r for r in self.rows if self.is_whole(r)})
+        """Of rows that are whole; others count as not there yet.
+
+        What is seen of a judged row that is not whole is shown, and decides nothing.
+        """
+        whole = {row.method: row for row in self.rows if self.is_whole(row)}
+        begun = {row.method: row for row in self.rows if row.method == self.judged}
+        found = verdicts(self.judged, {**begun, **whole})
+        return [each if self.judged in whole else replace(each, met=None) for each in found]
 
     @property
     def whole(self) -> int:

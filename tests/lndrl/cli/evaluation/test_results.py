@@ -92,6 +92,22 @@ def test_without_ours_the_first_row_is_the_reference_and_no_goal_is_judged(
     assert found["goals"]["verdicts"][0]["verdict"] == "not met"
 
 
+def test_what_is_seen_of_a_row_that_is_not_whole_decides_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first = figures(capsys, "--reference", "drl_laser")["goals"]["verdicts"][0]
+    assert (first["seen"], first["verdict"]) == ("1.0000", "not there yet")
+
+
+def test_a_row_that_is_not_whole_decides_for_no_other(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for place in PLACES:
+        ResultsFolder(folder).keep("dwa", place, [record("a"), record("l", 1)])
+    ratio = figures(capsys)["goals"]["verdicts"][4]
+    assert (ratio["seen"], ratio["verdict"]) == ("1.0000; no dwa yet", "not there yet")
+
+
 def test_tables_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert lndrl(HERE) == 0
     out = capsys.readouterr().out

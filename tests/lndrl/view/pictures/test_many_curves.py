@@ -36,7 +36,7 @@ def run(name: str, arrived: float, updates: int = 40, marks: bool = True) -> Cur
         }
         for i in range(1, updates + 1)
     ]
-    curve = [validated(4000, 10), validated(20_000, 20)] if marks else []
+    curve = [validated(0, 0), validated(4000, 10), validated(20_000, 20)] if marks else []
     return Curves(name, rows, curve)
 
 
@@ -63,10 +63,10 @@ def test_ten_runs_can_be_told_apart() -> None:
 def test_marks_are_validated_shares_with_intervals() -> None:
     axes = many_figure([run("one", 0.5), run("two", 0.5, marks=False)]).axes
     (bars,) = axes[0].containers
-    steps, shares = bars[0].get_data()  # type: ignore[index]
+    steps, shares = bars[0].get_data()
     assert list(steps) == [4000, 20_000] and list(shares) == [50.0, 100.0]
     (bars,) = axes[1].containers
-    assert list(bars[0].get_data()[1]) == [50.0, 0.0]  # type: ignore[index]
+    assert list(bars[0].get_data()[1]) == [50.0, 0.0]
 
 
 def test_the_window_is_as_many_steps_for_short_runs() -> None:
@@ -93,11 +93,11 @@ def test_one_table_has_all_runs(tmp_path: Path) -> None:
     with open(tmp_path / "t.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     kinds = [(row["run"], row["kind"]) for row in rows]
-    marks = [("one", "sampled"), ("one", "greedy")] * 2
+    marks = [("one", "sampled"), ("one", "greedy")] * 3
     assert kinds == [("one", "training")] * 2 + marks + [("two", "training")] * 3
     assert (rows[0]["steps"], rows[0]["episodes"], rows[0]["arrived"]) == ("1000", "8", "0.5")
     assert rows[0]["timeout"] == ""
-    assert (rows[2]["steps"], rows[2]["episodes"], rows[2]["collided"]) == ("4000", "20", "0.5")
+    assert (rows[4]["steps"], rows[4]["episodes"], rows[4]["collided"]) == ("4000", "20", "0.5")
 
 
 def test_runs_of_one_name_are_called_by_their_paths() -> None:
