@@ -149,7 +149,9 @@ def resample_twin(made, count):
         total += made.weights[i]
         cumulative[i] = total
     most = len(made.limits) - 1
-    chosen, bin_of, bins = [], [], {}
+    chosen: list[int] = []
+    bin_of: list[int] = []
+    bins: dict[int, int] = {}
     while len(chosen) < most and not (chosen and len(chosen) > made.limits[len(bins)]):
         i = min(np.searchsorted(cumulative, uniform(state) * total, side="right"), count - 1)
         bin_of.append(bins.setdefault(int(made.scratch.keys[i]), len(bins)))
