@@ -12,6 +12,7 @@ from learner.ppo.advantages import generalized_advantages
 from learner.ppo.rollout_store import RolloutStore
 from lndrl.config import PPOConfig
 from lndrl.navigation import Observation, Trajectory
+from lndrl.navigation.terms import learning_reward
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,3 @@ def batch_advantages(
             for r, columns in zip(rows, np.split(result, borders, axis=1), strict=True):
                 whole[r] = columns.reshape(-1)
     return advantage, target
-
-
-def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:
-    """Rewards as the learner uses them: scaled, then clipped where a limit is set."""
-    scaled = reward * np.float32(ppo.reward_scale)
-    return scaled if ppo.reward_limit is None else scaled.clip(-ppo.reward_limit, ppo.reward_limit)
