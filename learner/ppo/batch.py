@@ -13,6 +13,7 @@ from learner.ppo.rollout_store import RolloutStore
 from lndrl.config import PPOConfig, RunConfig
 from lndrl.navigation import Observation, Trajectory
 from lndrl.navigation.privileged.floats import GOAL_UNIT, NAMES
+from lndrl.navigation.terms import learning_reward
 
 _TRUE_GOAL = [NAMES.index("goal_x"), NAMES.index("goal_y")]
 
@@ -114,9 +115,3 @@ def way_to_goal(
     if privileged is not None:
         goal = np.expm1(np.abs(privileged[:, _TRUE_GOAL].astype(np.float64))) * GOAL_UNIT
     return np.hypot(goal[:, 0], goal[:, 1]).astype(np.float32)
-
-
-def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:
-    """Rewards as the learner uses them: scaled, then clipped where a limit is set."""
-    scaled = reward * np.float32(ppo.reward_scale)
-    return scaled if ppo.reward_limit is None else scaled.clip(-ppo.reward_limit, ppo.reward_limit)

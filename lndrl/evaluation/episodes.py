@@ -12,7 +12,7 @@ from lndrl.localization import LikelihoodMap
 from lndrl.navigation import EpisodeRecord, Navigation, Observation, build_surroundings
 from lndrl.navigation.batch import NavigationBatch
 from lndrl.navigation.families import Family
-from lndrl.navigation.terms import as_tested
+from lndrl.navigation.terms import as_settled, as_tested
 from lndrl.planners import MapPlanner, Planner, PlannerSource
 from lndrl.world import Place
 
@@ -24,8 +24,9 @@ class EpisodeRunner:
 
     Test episode k is drawn from (``config.seed``, ``family.world(k)``) alone: every planner faces
     the same starts, goals and crowds. Rewards are the compiled parts alone, whatever ``config``
-    adds in training. ``surroundings`` are those of ``config`` where they are built already. Raises
-    UserError for an impossible scenario and for weights that do not fit ``config``.
+    adds in training, unless they are ``as_trained``: with its limit of the pose part and its terms.
+    ``surroundings`` are those of ``config`` where they are built already. Raises UserError for an
+    impossible scenario, for weights that do not fit ``config``, and for terms that are not trusted.
     """
 
     def __init__(
@@ -35,8 +36,9 @@ class EpisodeRunner:
         greedy: bool = False,
         family: Family = Family.VALIDATION,
         surroundings: Surroundings | None = None,
+        as_trained: bool = False,
     ) -> None:
-        self.config = config = as_tested(config)
+        self.config = config = as_settled(config) if as_trained else as_tested(config)
         self.family = family
         self.planner = source.build(config, greedy)
         self._place, self._field = surroundings or build_surroundings(config)

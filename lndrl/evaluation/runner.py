@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from typing import Literal
+from typing import Any, Literal
 
-from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config, load_scenario
+from lndrl.config import (
+    REPOSITORY_CONFIGS,
+    RandomizeConfig,
+    RunConfig,
+    load_config,
+    load_scenario,
+)
 from lndrl.errors import UserError
 from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.pool import Work, run_tasks
@@ -61,26 +67,68 @@ def evaluate(
     Raises UserError when ``episodes`` is below 1, ``workers`` below 0, the planner cannot be
     found or built, the scenario is impossible, or a worker dies.
     """
-    if episodes < 1:
-        raise UserError(f"{episodes} episodes cannot be evaluated; give 1 or more")
-    if workers < 0:
-        raise UserError(f"{workers} workers cannot work; give 0 (none but this process) or more")
     source = planner_source(planner) if isinstance(planner, str) else planner
     config = config.model_copy(update={"seed": seed})
-    blocks = [range(first, min(first + BLOCK, episodes)) for first in range(0, episodes, BLOCK)]
     records: list[EpisodeRecord] = []
     vetoes: dict[int, int] = {}
-    work = source, config, greedy
-    results = run_tasks(_make_work, work, blocks, min(workers, len(blocks)), config)
-    with _same_threads_after(source, config), closing(results):
+    with driving(_make_work, (source, config, greedy), episodes, workers) as results:
         for record, vetoed in results:
             records.append(record)
             vetoes[record.world] = vetoed
             if progress is not None:
                 progress(record)
-    records.sort(key=lambda record: record.world)
-    assert [Family.VALIDATION.episode(each.world) for each in records] == list(range(episodes))
+    check_complete(records, episodes)
     return result_of(source, config, greedy, records, sum(vetoes.values()))
+
+
+@contextmanager
+def driving(
+    make_work: Callable[..., Work],
+    arguments: tuple[PlannerSource, RunConfig, *tuple[Any, ...]],
+    episodes: int,
+    workers: int,
+) -> Iterator[Iterator[Any]]:
+    """What ``make_work(*arguments)`` yields for validation episodes 0 to ``episodes`` - 1, which it
+    gets in ranges of BLOCK; in any order, but the same whatever ``workers`` is.
+
+    ``arguments`` begin with the planner and the configuration. No process is left behind, however
+    it ends. Raises UserError as ``evaluate`` does.
+    """
+    if episodes < 1:
+        raise UserError(f"{episodes} episodes cannot be evaluated; give 1 or more")
+    if workers < 0:
+        raise UserError(f"{workers} workers cannot work; give 0 (none but this process) or more")
+    source, config, *_ = arguments
+    blocks = [range(first, min(first + BLOCK, episodes)) for first in range(0, episodes, BLOCK)]
+    results = run_tasks(make_work, arguments, blocks, min(workers, len(blocks)), config)
+    with _same_threads_after(source, config), closing(results):
+        yield results
+
+
+def check_complete(records: Iterable[EpisodeRecord], episodes: int) -> None:
+    """Assert that ``records``, in any order, are of validation episodes 0 to ``episodes`` - 1."""
+    found = sorted(Family.VALIDATION.episode(record.world) for record in records)
+    assert found == list(range(episodes))
+
+
+def in_world_of(base: RunConfig, config: RunConfig) -> RunConfig:
+    """What a policy of ``config`` is tested under in the world of ``base``.
+
+    Scenario, world, filter, seed and the task's limits are those of ``base``; what the policy sees
+    and does, its reward and its networks those of ``config``.
+    """
+    limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit", "judged_moment")
+    kept = {name: getattr(base.task, name) for name in limits}
+    return config.model_copy(
+        update={
+            "seed": base.seed,
+            "randomize": RandomizeConfig(),
+            "scenario": base.scenario,
+            "world": base.world,
+            "localization": base.localization,
+            "task": config.task.model_copy(update=kept),
+        }
+    )
 
 
 def result_of(

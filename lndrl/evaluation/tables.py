@@ -84,13 +84,13 @@ def comparison_table(results: Sequence[EvaluationResult]) -> Table:
         rates = (_rate(getattr(result.metrics, name)) for name in RATES)
         spreads = (_spread(getattr(result.metrics, name)) for name in SPREADS)
         figures = (_number(result.own_metrics.get(name)) for name in own)
-        table.add_row(_planner(result), *rates, *spreads, *figures)
+        table.add_row(planner_words(result), *rates, *spreads, *figures)
     return table
 
 
 def describe(result: EvaluationResult, planner: bool = True) -> str:
     """One line: who ran what, e.g. ``straight on hybrid: 60 episodes, seed 0, amcl``."""
-    who = f"{_planner(result)} on " if planner else ""
+    who = f"{planner_words(result)} on " if planner else ""
     count = len(result.records)
     return (
         f"{who}{result.scenario}: {count} episode{'s' * (count != 1)}, seed {result.seed}, "
@@ -98,7 +98,8 @@ def describe(result: EvaluationResult, planner: bool = True) -> str:
     )
 
 
-def _planner(result: EvaluationResult) -> str:
+def planner_words(result: EvaluationResult) -> str:
+    """What a planner is called in a table: its name, and how its actions were chosen."""
     if result.temperature != 1.0:
         return f"{result.planner} (temperature {result.temperature:g})"
     return f"{result.planner} (greedy)" if result.actions == "greedy" else result.planner

@@ -1,6 +1,7 @@
-"""Reward terms of a user's own: what they see of a control step, and how they are paid.
+"""What training pays beyond the compiled parts: reward terms of a user's own, what they see of a
+control step, and what the learner makes of a reward.
 
-They run in Python beside the compiled parts, once per control step for all worlds of one memory,
+Terms run in Python beside the compiled parts, once per control step for all worlds of one memory,
 and change training alone: evaluation leaves them out (``as_tested``).
 """
 
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import RandomizeConfig, RunConfig
+from lndrl.config import PPOConfig, RandomizeConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import REWARD_TERM, calling, find, make
 
@@ -143,12 +144,26 @@ def as_tested(config: RunConfig) -> RunConfig:
     """``config`` as it is tested: paid by the compiled parts alone, without a limit, and with the
     same settings in every episode.
     """
-    reward, settled = config.task.reward, RandomizeConfig()
-    if not reward.terms and reward.pose_limit is None and config.randomize == settled:
+    config, reward = as_settled(config), config.task.reward
+    if not reward.terms and reward.pose_limit is None:
         return config
     reward = reward.model_copy(update={"terms": {}, "pose_limit": None})
     task = config.task.model_copy(update={"reward": reward})
-    return config.model_copy(update={"task": task, "randomize": settled})
+    return config.model_copy(update={"task": task})
+
+
+def as_settled(config: RunConfig) -> RunConfig:
+    """``config`` with the same settings in every episode, and paid as in training."""
+    settled = RandomizeConfig()
+    if config.randomize == settled:
+        return config
+    return config.model_copy(update={"randomize": settled})
+
+
+def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:
+    """Rewards as the learner uses them: scaled, then clipped where a limit is set."""
+    scaled = reward * np.float32(ppo.reward_scale)
+    return scaled if ppo.reward_limit is None else scaled.clip(-ppo.reward_limit, ppo.reward_limit)
 
 
 def _make(name: str, use: str, config: RunConfig, settings: dict[str, object]) -> Term:

@@ -7,12 +7,14 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 import typer
 
 from lndrl.cli.again import same_command
-from lndrl.cli.notes import say_notes, say_origins
+from lndrl.cli.evaluation.driving import arrivals_bar, check_episodes
+from lndrl.cli.evaluation.sources import planner_sources
+from lndrl.cli.notes import say_notes
 from lndrl.cli.options import (
     BenchName,
     PlannerSettings,
@@ -22,9 +24,7 @@ from lndrl.cli.options import (
     Temperature,
     TrustModules,
     WhichCheckpoint,
-    of_run,
     part_settings,
-    sampled,
     shield_config,
     trust,
 )
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lndrl.evaluation import EvaluationResult
     from lndrl.evaluation.benchmark import BenchmarkSpec
     from lndrl.navigation import EpisodeRecord
-    from lndrl.planners import PlannerSource, ShieldConfig
+    from lndrl.planners import PlannerSource
 
 Localization = Literal["amcl", "perfect"]
 
@@ -95,45 +95,18 @@ def evaluate(
 
     Its episodes are there to choose by; those that lndrl benchmark judges by are others.
     """
-    _check(episodes, seed, workers, bench, spec)
+    check_episodes(episodes, seed, workers)
+    if spec is not None and not bench:
+        raise UserError(f"--spec {spec} names a bench; it goes with --bench")
     trust(trust_modules)
     settings = part_settings(planner_set, "--planner-set")
     guard = shield_config(shield, shield_set)
     from lndrl.evaluation import add_metrics, own_metrics
-    from lndrl.planners import is_own_planner, is_rule, takes_settings
 
-    if temperature is not None and all(map(is_rule, planners)):
-        raise UserError(
-            f"--temperature {temperature:g} goes with a policy, a run folder or weights file; "
-            "rules do not sample"
-        )
-
-    # Those of a user's own, where there are any, so that rules can be compared with them.
-    takers = [each for each in planners if is_own_planner(each)] or [
-        each for each in planners if takes_settings(each)
-    ]
-    if settings and not takers:
-        raise UserError(
-            "--planner-set goes with a planner of your own, e.g. my_package:Planner, or with a rule"
-            " that has parameters, e.g. predictive"
-        )
-    # Rules beside a policy are there to compare with: they rank nothing and go without.
-    shielded = [each for each in planners if not is_rule(each)] or planners
+    sources = planner_sources(planners, settings, checkpoint, guard, temperature, greedy)
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
     world = _World(scenario, localization, _bench(spec) if bench else None)
-    sources = [
-        _source(
-            each,
-            settings if each in takers else {},
-            of_run(each, checkpoint, planners),
-            guard if each in shielded else None,
-            temperature,
-            greedy,
-        )
-        for each in planners
-    ]
-    say_origins(sources, greedy)
     works = [_Evaluation(source, world, episodes, seed, greedy) for source in sources]
     say_notes(note for work in works for note in work.config.scenario.map_notes)
     results: list[EvaluationResult] = []
@@ -156,37 +129,11 @@ def evaluate(
         print_tables(comparison_table(results))
 
 
-def _source(
-    planner: str,
-    settings: dict[str, Any],
-    checkpoint: str | None,
-    shield: ShieldConfig | None,
-    temperature: float | None,
-    greedy: bool,
-) -> PlannerSource:
-    """What ``planner`` names; a temperature is for policies, rules beside them have none."""
-    from lndrl.planners import is_rule, planner_source
-
-    source = planner_source(planner, settings, checkpoint=checkpoint, shield=shield)
-    return sampled(source, None if is_rule(planner) else temperature, greedy)
-
-
 def _bench(spec: str | None) -> BenchmarkSpec:
     from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import load_benchmark
 
     return load_benchmark(find("bench", spec or DEFAULTS["bench"]))
-
-
-def _check(episodes: int, seed: int, workers: int | None, bench: bool, spec: str | None) -> None:
-    if episodes < 1:
-        raise UserError(f"--episodes {episodes}: must be 1 or more")
-    if seed < 0:
-        raise UserError(f"--seed {seed}: must be 0 or more")
-    if workers is not None and workers < 0:
-        raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
-    if spec is not None and not bench:
-        raise UserError(f"--spec {spec} names a bench; it goes with --bench")
 
 
 @dataclass(frozen=True)
@@ -236,16 +183,12 @@ class _Evaluation:
     def run(self, workers: int) -> EvaluationResult:
         """All episodes, with a bar that says how far they are."""
         from lndrl.evaluation import evaluate as run_evaluation
-        from lndrl.view.progress import progress_bar
 
-        arrived = 0
-        with progress_bar(self.episodes, self.title, "episodes") as advance:
+        with arrivals_bar(self.episodes, self.title) as advance:
 
             def note(record: EpisodeRecord) -> None:
-                nonlocal arrived
                 self.records.append(record)
-                arrived += record.outcome == "arrived"
-                advance(1, f"{arrived} arrived")
+                advance(record)
 
             seed, greedy = self.config.seed, self.greedy
             return run_evaluation(

@@ -13,9 +13,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from lndrl.config import REPOSITORY_CONFIGS, RandomizeConfig, RunConfig, load_config
+from lndrl.config import REPOSITORY_CONFIGS, RunConfig, load_config
 from lndrl.config import find as find_file
 from lndrl.errors import UserError
+from lndrl.evaluation.runner import in_world_of
 from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
 from lndrl.models import MOST, Model, Temperature, effective, load_yaml, validate
 from lndrl.planners import PlannerSource, ShieldConfig, has_weights, is_rule, planner_source
@@ -296,20 +297,9 @@ def bench_config(
     make another bench, for calibration.
     """
     base = load_config(_BASE, [f"scenario={scenario}", *changes])
-    config = contender.source.config or base
-    limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit", "judged_moment")
-    return config.model_copy(
-        update={
-            "seed": seed,
-            "randomize": RandomizeConfig(),
-            "scenario": base.scenario,
-            "world": base.world,
-            "localization": base.localization.model_copy(update={"kind": contender.localization}),
-            "task": config.task.model_copy(
-                update={name: getattr(base.task, name) for name in limits}
-            ),
-        }
-    )
+    localization = base.localization.model_copy(update={"kind": contender.localization})
+    base = base.model_copy(update={"seed": seed, "localization": localization})
+    return in_world_of(base, contender.source.config or base)
 
 
 def bench_hash(config: RunConfig) -> str:

@@ -1,7 +1,7 @@
 """Ablations of training settings: variants over seeds, run by ``lndrl train``, and figures."""
 
+from lndrl.evaluation.estimate import Estimate
 from lndrl.evaluation.sweep.figures import (
-    Estimate,
     RunFigures,
     SweepFigures,
     VariantFigures,

@@ -11,13 +11,7 @@ import pytest
 import torch
 
 from learner.ppo.adam import Adam
-from learner.ppo.batch import (
-    assemble,
-    batch_advantages,
-    learning_reward,
-    way_to_goal,
-    way_value,
-)
+from learner.ppo.batch import assemble, batch_advantages, way_to_goal, way_value
 from learner.ppo.losses import policy_loss
 from learner.ppo.update import PPO, DivergedError
 from lndrl.machine.threads import kept_threads, set_threads
@@ -225,14 +219,6 @@ def test_non_finite_input_is_said(ppo) -> None:
     trajectory.reward[0, 0] = np.nan
     with pytest.raises(DivergedError, match="loss"):
         trainer.update(assemble([trajectory]), 0.0)
-
-
-def test_rewards_are_scaled_then_clipped() -> None:
-    ppo = small_config(ppo={"reward_scale": 0.01, "reward_limit": 5.0}).ppo
-    reward = np.array([100.0, -9000.0, 700.0], np.float32)
-    np.testing.assert_allclose(learning_reward(reward, ppo), [1.0, -5.0, 5.0])
-    plain = ppo.model_copy(update={"reward_limit": None})
-    np.testing.assert_allclose(learning_reward(reward, plain), [1.0, -90.0, 7.0])
 
 
 def test_batch_advantages_go_chunk_by_chunk() -> None:

@@ -151,6 +151,18 @@ def test_localization_begins_again(here: Path, ctrl_c, told) -> None:
     assert not Path("loc.md").exists()
 
 
+def test_returns_begin_again(here: Path, ctrl_c, told) -> None:
+    ctrl_c(3)
+    out, line = told(
+        "returns straight random --scenario room.yaml --episodes 8 --workers 0".split()
+    )
+    assert out == ""
+    assert line == (
+        "stopped: 3 of 16 episodes have ended and are not kept; begin again with: "
+        "lndrl returns straight random --scenario room.yaml --episodes 8 --workers 0"
+    )
+
+
 def test_lost_begins_again(here: Path, ctrl_c, told) -> None:
     ctrl_c(3)
     command = "lost random --scenario room.yaml --episodes 8 --workers 0 --out a.png".split()

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lndrl.config import RunConfig
+from lndrl.config import PPOConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.evaluation import EpisodeRunner
 from lndrl.models import effective
 from lndrl.navigation import REWARD_PARTS, EpisodeRecord, Navigation, VectorNavigation
 from lndrl.navigation.navigation import build_surroundings
-from lndrl.navigation.terms import Steps
+from lndrl.navigation.terms import Steps, learning_reward
 from lndrl.navigation.track import RUNNING
 from lndrl.planners import PlannerSource
 
@@ -227,3 +227,11 @@ def test_records_travel_with_the_run_s_own_parts() -> None:
     broken["reward_parts"]["turning"] = float("nan")
     with pytest.raises(ValueError, match="must be finite"):
         EpisodeRecord.from_dict(broken, ("turning",))
+
+
+def test_rewards_are_scaled_then_clipped() -> None:
+    ppo = PPOConfig.model_validate({"reward_scale": 0.01, "reward_limit": 5.0})
+    reward = np.array([100.0, -9000.0, 700.0], np.float32)
+    np.testing.assert_allclose(learning_reward(reward, ppo), [1.0, -5.0, 5.0])
+    plain = ppo.model_copy(update={"reward_limit": None})
+    np.testing.assert_allclose(learning_reward(reward, plain), [1.0, -90.0, 7.0])
