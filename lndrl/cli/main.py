@@ -62,9 +62,6 @@ ROOMS = {
     "evaluation": (
         "demo",
         "evaluate",
-        "benchmark",
-        "results",
-        "calibrate",
         "figures",
         "localization",
         "lost",
@@ -73,6 +70,7 @@ ROOMS = {
         "scenarios",
         "ship",
     ),
+    "evaluation.bench": ("benchmark", "results", "calibrate"),
     "fleet": ("learner", "actor", "evaluator", "dashboard", "certs", "doctor", "chaos"),
 }
 

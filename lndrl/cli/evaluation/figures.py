@@ -11,7 +11,7 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.behaviour import behaviour
-from lndrl.cli.evaluation.benchmark import RESULTS
+from lndrl.cli.evaluation.bench.benchmark import RESULTS
 from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, check_picture, names_in, trust
 from lndrl.cli.signals import telling

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from lndrl.cli.evaluation.benchmark import NAME, RESULTS, results_there
+from lndrl.cli.evaluation.bench.benchmark import NAME, RESULTS, results_there
 from lndrl.cli.options import BenchName, names_in
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lndrl.cli.evaluation.benchmark import RESULTS
+from lndrl.cli.evaluation.bench.benchmark import RESULTS
 from lndrl.cli.evaluation.driving import drive_plans
 from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
@@ -73,7 +73,7 @@ def calibrate(
         if variants is not None or by_scenario:
             wrong = "--by-scenario" if variants is None else f"--variants {variants}"
             raise UserError(f"{wrong} goes with the file's variants, not with --search")
-        from lndrl.cli.evaluation.calibrate_search import search_worlds
+        from lndrl.cli.evaluation.bench.calibrate_search import search_worlds
 
         count = usable_cores() if workers is None else workers
         search_worlds(spec, RESULTS / name / "search", table, count, json)

@@ -1,0 +1,1 @@
+"""The bench: what it finds, how it is shown, and how its world was calibrated."""
