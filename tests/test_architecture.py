@@ -78,6 +78,8 @@ STRANGERS = [
     {"actors", "learner"},
     {"lndrl.view.dashboard", "lndrl.view.pictures"},
     {"lndrl.cli.training", "lndrl.cli.evaluation", "lndrl.cli.fleet"},
+    {"lndrl.cli.training", "lndrl.cli.evaluation.bench"},
+    {"lndrl.cli.fleet", "lndrl.cli.evaluation.bench"},
 ]
 # Libraries that stay in the rooms they serve.
 LIBRARIES = {
