@@ -52,6 +52,7 @@ COLUMNS = {
 
 SMOOTHING = 0.04
 """Share of the curve that one smoothed point averages over."""
+_WORD = 0.13  # of the panel's width, for the longest name of a phase
 
 Row = Mapping[str, Any]
 
@@ -201,15 +202,18 @@ def _draw_phases(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) ->
     phases = [phase if isinstance(phase, str) else None for phase in said]
     if len(set(phases)) == 1:
         return
+    room, line, last = _WORD * (steps[-1] - steps[0]), 0, -math.inf
     for i in range(len(phases)):
         if phases[i] is not None and (i == 0 or phases[i] != phases[i - 1]):
+            # A phase that is shorter than its word has the next one a line below.
+            line, last = line + 1 if steps[i] - last < room else 0, steps[i]
             if i:
                 axes.axvline(steps[i], color=INK, linewidth=0.8, linestyle=":", alpha=0.6)
             axes.annotate(
                 str(phases[i]),
                 (steps[i], 1.0),
                 xycoords=("data", "axes fraction"),
-                xytext=(4, -12),
+                xytext=(4, -12 - 11 * line),
                 textcoords="offset points",
                 color=INK,
                 size=8,

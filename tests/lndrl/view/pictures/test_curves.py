@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from lndrl.errors import UserError
@@ -74,6 +75,15 @@ def test_the_validated_curve_and_phases_are_drawn(tmp_path: Path, monkeypatch) -
     words = [text.get_text() for text in axes.texts]
     assert "imitation" in words and "guided" in words
     assert axes.get_legend().get_texts()[0].get_text() == "validated, 20 episodes each"
+
+
+def test_words_of_short_phases_stand_below_each_other() -> None:
+    axes = Figure().subplots()
+    steps = np.array([0.0, 50.0, 100.0, 900.0, 1000.0])
+    names = ("imitation", "guided", "reinforcement", "imitation", "imitation")
+    curves._draw_phases(axes, steps, [{"phase": name} for name in names])
+    lines = {text.get_text() + str(text.xy[0]): text.get_position()[1] for text in axes.texts}
+    assert list(lines.values()) == [-12, -23, -34, -12]
 
 
 def test_phases_that_are_no_words_are_left_out(tmp_path: Path) -> None:
