@@ -39,6 +39,7 @@ from lndrl.transport.messages import (
     pack,
     unpack,
 )
+from lndrl.transport.security.exposure import reachable
 from lndrl.transport.security.identity import Security
 
 __all__ = [
@@ -77,6 +78,7 @@ __all__ = [
     "open_rank",
     "open_viewer",
     "pack",
+    "reachable",
     "unpack",
 ]
 

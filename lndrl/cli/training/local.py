@@ -13,6 +13,7 @@ from lndrl import kernels
 from lndrl.cli.signals import say
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.transport import reachable
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
@@ -228,19 +229,10 @@ class _Evaluator:
             self._learner.events.add("fleet", text)
 
 
-def reachable(endpoint: str) -> str:
-    """Where this machine reaches a learner that listens at ``endpoint``.
-
-    No certificate is for 0.0.0.0 or [::], and zenoh reaches no IPv6 address over TLS.
-    """
-    any_ipv6 = "/localhost:" if endpoint.startswith("tls/") else "/[::1]:"
-    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", any_ipv6)
-
-
 def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:
     """One actor more or less where the shares of waiting say so; each change is an event."""
     waits = learner.split.shares(balance.WINDOW)["wait"]
-    idle = learner.roster.shares(balance.WINDOW).get("wait", 0.0)
+    idle = learner.whole.actor_shares(balance.WINDOW).get("wait", 0.0)
     settled = bool(learner.figures) and fleet.settled()
     advice = balance.advise(time.monotonic(), len(fleet), waits, idle, settled)
     if not advice:
