@@ -31,6 +31,8 @@ TIMEOUT = 300.0
 """s that a rank waits for another: longer than any of them compiles or writes a checkpoint."""
 ENVIRONMENT = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
 """What torchrun sets for every process that it starts."""
+HERE = "here"
+"""Before the number of a rank in the store: it has come."""
 
 _BEAT = 0.5  # s between two signs of life
 _SILENT = 3.0  # s without one, after which a rank is gone
@@ -150,10 +152,11 @@ class Team:
         if size == 1:
             return None
         address = f"{given['MASTER_ADDR']}:{port}"
-        _stay_on_this_machine(given["MASTER_ADDR"])
+        stay_on_this_machine(given["MASTER_ADDR"])
         try:
             wait = timedelta(seconds=timeout)
             store, rank, size = next(iter(dist.rendezvous("env://", timeout=wait)))
+            store.set(f"{HERE}/{rank}", "")
         except (RuntimeError, ValueError, OSError):
             raise UserError(
                 f"rank {rank} finds nobody at {address} (MASTER_ADDR, MASTER_PORT); start all "
@@ -286,7 +289,7 @@ _AGAIN = (
 )
 
 
-def _stay_on_this_machine(address: str) -> None:
+def stay_on_this_machine(address: str) -> None:
     """Let gloo use the loopback where all ranks are here: a host's own name may lead nowhere."""
     if address in ("127.0.0.1", "localhost", "::1"):
         os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")

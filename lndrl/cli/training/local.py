@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from actors.balance import Balance
     from actors.fleet import Fleet
     from learner.learner import Learner
+    from learner.ppo.team import Team
     from learner.run.record import RunSummary
     from lndrl.cli.signals import Stop
     from lndrl.transport import Security
@@ -77,11 +78,13 @@ def train_locally(
     dashboard: bool,
     stop: Stop,
     security: Security | None = None,
+    team: Team | None = None,
 ) -> RunSummary:
     """Train with the learner in this process and actors in others; returns the summary.
 
     Draws the dashboard when asked to, else prints a line per update. ``security`` is the
-    learner's; the actors get theirs from it. Raises UserError when learner or actors cannot go on.
+    learner's; the actors get theirs from it. ``team``: this process is its rank 0. Raises
+    UserError when learner or actors cannot go on.
     """
     from learner.service import run_learner
 
@@ -102,6 +105,7 @@ def train_locally(
                 quiet=dashboard,
                 on_ready=ready.append,
                 security=security,
+                team=team,
             )
             outcome.append(summary)
         except BaseException as error:
@@ -146,7 +150,8 @@ def _supervise(
         f"{counted(cores, 'core')}",
     )
     # Threads start with the first update, which needs actors; half for each network.
-    learner.ppo.work.threads = max(1, choice.learner_threads // 2)
+    share = learner.crew.team.neighbours if learner.crew is not None else 1
+    learner.ppo.work.threads = max(1, choice.learner_threads // (2 * share))
     fleet = Fleet(
         reachable(config.transport.endpoint),
         choice.actors,
