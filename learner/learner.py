@@ -37,6 +37,7 @@ from learner.run.events import EventLog
 from learner.run.folder import RunFolder
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.run.validation import Validation
+from learner.sending import Sender
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.curve import read_curve
@@ -112,6 +113,7 @@ class Learner:
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
         self._memory = MemoryTide(self.ppo.each_thread)
+        self._sender = Sender(config, lambda text: self.events.add("weights", text))
         self._phase = ""  # announced last
         self._learned_in = ""  # phase of the newest update
         self.started = time.monotonic()
@@ -328,10 +330,11 @@ class Learner:
         if self.config.ppo.teacher is not None and stage.phase != self._phase:
             self._phase = stage.phase
             self.events.add("phase", stage.words(self.config))
-        blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
+        blob = self._sender(self.ppo.acting, stage.guidance.to_metadata())
         counters = self.counters
         tested = None
-        if self.config.learner.validation_episodes and self.ppo.tested is not self.ppo.acting:
+        other = self._sender.rounds or self.ppo.tested is not self.ppo.acting
+        if self.config.learner.validation_episodes and other:
             tested = to_bytes(self.ppo.tested)
         self.endpoint.publish_weights(counters.version, blob, tested)
         self.validation.offer(counters.version, counters.steps, self.elapsed, tested or blob)

@@ -134,6 +134,8 @@ class Follower:
             ingest.accounts.drop("diverged", ids)
         else:
             ingest.accounts.train(counters.updates + 1, ids)
+            # Rank 0 publishes now, and actors may be sooner here with it than its next word.
+            ingest.newest_version = max(ingest.newest_version, counters.updates + 1)
 
     def _do_books(self, word: Word) -> None:
         self.team.gather({**self._intake().excerpt(), "digest": digest_of(self.ppo)})
