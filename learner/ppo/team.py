@@ -119,6 +119,7 @@ class Team:
         self.hosts = [""] * size
         self._store = dist.PrefixStore("lndrl", store)
         self._closed = threading.Event()
+        self._lost = ""  # why nothing can be said any more
         with self._told():
             store.set_timeout(self._timeout)
             dist.init_process_group(
@@ -248,10 +249,13 @@ class Team:
     @contextmanager
     def _told(self) -> Iterator[None]:
         """Say in a sentence what torch says of a rank that is gone."""
+        if self._lost:
+            raise UserError(self._lost)
         try:
             yield
         except RuntimeError as error:
-            raise UserError(self._who_is_gone(error)) from None
+            self._lost = self._lost or self._who_is_gone(error)
+            raise UserError(self._lost) from None
 
     def _who_is_gone(self, error: RuntimeError) -> str:
         before = self._beats()

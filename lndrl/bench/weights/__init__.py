@@ -1,4 +1,4 @@
-"""``lndrl bench weights``: what half precision on the way to actors saves, and does to the policy."""
+"""``lndrl bench weights``: half precision on the way to actors, in bytes and in what it changes."""
 
 from __future__ import annotations
 
