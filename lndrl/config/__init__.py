@@ -25,7 +25,7 @@ from lndrl.config.run import (
 )
 from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
-from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, WorldConfig
+from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, RetryConfig, WorldConfig
 
 __all__ = [
     "DEFAULTS",
@@ -50,6 +50,7 @@ __all__ = [
     "TaskConfig",
     "TransportConfig",
     "RandomizeConfig",
+    "RetryConfig",
     "WorldConfig",
     "find",
     "find_keys",
