@@ -69,8 +69,9 @@ class Retries:
         """Take world ``i``, which has ended, back for another try; False: it shall begin anew."""
         world, settings = self._worlds[i], self._settings
         if not self.trying(i):
-            least = settings.back[0] if world.outcome in _FAILED else world.steps_limit
-            self._moments[i] = [m for m in self._moments[i] if m.steps <= world.steps - least]
+            least, most = settings.back
+            near = [m for m in self._moments[i] if least <= world.steps - m.steps <= most]
+            self._moments[i] = near if world.outcome in _FAILED else []
             self._until[i] = world.steps + settings.past
         if not self._moments[i] or self._tries[i] >= settings.most:
             self._moments[i], self._tries[i] = [], 0
