@@ -145,7 +145,7 @@ def _supervise(
         f"{counted(cores, 'core')}",
     )
     # Threads start with the first update, which needs actors; half for each network.
-    learner.ppo.threads = max(1, choice.learner_threads // 2)
+    learner.ppo.work.threads = max(1, choice.learner_threads // 2)
     fleet = Fleet(
         reachable(config.transport.endpoint),
         choice.actors,
