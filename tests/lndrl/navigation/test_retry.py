@@ -60,7 +60,8 @@ def driven(vector: VectorNavigation, steps: int) -> list[Step]:
     seen = []
     for t in range(steps):
         world = vector.worlds[0]
-        before, tried = world.steps, vector._retries.trying(0)
+        before = world.steps
+        tried = vector._retries is not None and vector._retries.trying(0)
         start, pose = world.world.start_pose.copy(), world.world.pose_true.copy()
         velocities = np.tile([0.6, 0.3 * np.sin(0.2 * t)], (len(vector), 1))
         result = vector.step_velocities(velocities)
