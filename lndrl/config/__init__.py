@@ -5,7 +5,7 @@ Every number of the paper stands here once, as a default with its source, or in 
 """
 
 from lndrl.config.imitation import ImitationConfig
-from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
+from lndrl.config.keys import SOURCES, Key, differences, find_keys, flatten, keys
 from lndrl.config.learning import (
     MOST_ACTORS,
     MOST_WORLDS_PER_ACTOR,
@@ -52,6 +52,7 @@ __all__ = [
     "RandomizeConfig",
     "RetryConfig",
     "WorldConfig",
+    "differences",
     "find",
     "find_keys",
     "flatten",
