@@ -129,8 +129,9 @@ def _read_map(m: Any) -> GridMap:
     cells = np.asarray(m.data, np.int8)
     if cells.size == info.width * info.height:
         cells = cells.reshape(int(info.height), int(info.width))
+    resolution = float(str(np.float32(info.resolution)))  # 0.05, which single precision has not
     return GridMap(
-        stamp_of(m.header.stamp), _frame(m.header.frame_id), float(info.resolution),
+        stamp_of(m.header.stamp), _frame(m.header.frame_id), resolution,
         _pose(info.origin), cells.copy(),
     )  # fmt: skip
 
