@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,7 +12,12 @@ from numpy.typing import NDArray
 
 from lndrl.navigation import Outcome
 from lndrl.robot.geometry import wrapped
+from lndrl.robot.messages import StampedPose
 from lndrl.robot.stand_in.body import Body
+
+
+_REMEMBERED = 200
+"""Ticks; older reports are held against the oldest of them."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,11 @@ class Judge:
         self._last = body.pose_true.copy()
         self._distance = self._position = self._angle = 0.0
         self._judged = 0
+        self._truth: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=_REMEMBERED)
+
+    def sensed(self, stamp: int) -> None:
+        """Sensors have spoken of this moment, under ``stamp``."""
+        self._truth.append((stamp, self._body.pose_true.copy()))
 
     def moved(self) -> None:
         """A tick has passed."""
@@ -46,16 +57,17 @@ class Judge:
         self._distance += float(np.hypot(*(pose - self._last)[:2]))
         self._last = pose.copy()
 
-    def verdict(self, estimate: NDArray[np.float64] | None, touched: bool) -> Outcome | None:
-        """After a control step: whether it is over. ``estimate`` (3,) in the map frame is what the
-        robot believes, None where it has not said so.
+    def verdict(self, told: StampedPose | None, touched: bool) -> Outcome | None:
+        """After a control step: whether it is over. ``told`` is what the robot believes, in the map
+        frame, held against the truth of the moment that it speaks of; None where it has not said.
         """
         task, body = self._body.config.task, self._body
         if touched:
             return "collided"
-        if estimate is not None:
-            off = float(np.hypot(*(estimate - body.pose_true)[:2]))
-            turned = abs(wrapped(float(estimate[2] - body.pose_true[2])))
+        if told is not None:
+            estimate, truth = told.pose, self._at(told.stamp)
+            off = float(np.hypot(*(estimate - truth)[:2]))
+            turned = abs(wrapped(float(estimate[2] - truth[2])))
             self._position, self._angle = self._position + off, self._angle + turned
             self._judged += 1
             if off > task.lost_distance or turned > task.lost_angle:
@@ -65,6 +77,12 @@ class Judge:
         if self._limited and body.steps >= body.steps_limit:
             return "timeout"
         return None
+
+    def _at(self, stamp: int) -> NDArray[np.float64]:
+        """The true pose at ``stamp``, or at the nearest moment that is remembered."""
+        if not self._truth:
+            return self._body.pose_true
+        return min(self._truth, key=lambda each: abs(each[0] - stamp))[1]
 
     def record(self, outcome: Outcome) -> DrivenEpisode:
         """The episode that has ended so."""

@@ -135,7 +135,7 @@ class StandIn:
                 self._send("initial_pose", self.body.initial_pose(self._stamp()))
                 if self.rehearsal.goals:
                     self._send("goal", self.body.goal_pose(self._stamp()))
-            self._sense()
+            judge.sensed(self._sense())
             self._wait(stop, started)
             if not started:  # the world stands still until somebody drives
                 started = self._driven(since)
@@ -143,8 +143,7 @@ class StandIn:
                 if not started:
                     continue
             elif self.body.between_steps or touched:
-                estimate = None if self._estimate is None else self._estimate.pose
-                outcome = judge.verdict(estimate, touched)
+                outcome = judge.verdict(self._estimate, touched)
                 if outcome is not None:
                     return judge.record(outcome)
             touched = self.body.tick(*self._obeyed())
@@ -168,8 +167,8 @@ class StandIn:
             return 0.0, 0.0
         return self._command.v, self._command.w
 
-    def _sense(self) -> None:
-        """Let all sensors speak of this moment."""
+    def _sense(self) -> int:
+        """Let all sensors speak of this moment; returns the stamp that they speak under."""
         body, stamp, time_ = self.body, self._stamp(), self._time()
         if self.rehearsal.simulated:
             self._send("clock", Clock(stamp))
@@ -187,6 +186,7 @@ class StandIn:
         for purpose, content in (*said, ("scan", scan)):
             self._outbox.add(purpose, content, time_)
         self._flush()
+        return stamp + round(self.rehearsal.conditions.clock_offset * SECOND)
 
     def _flush(self) -> None:
         """Send what is due."""
