@@ -46,6 +46,9 @@ SUMMARIES = {
     "lost": "Say why a planner or policy gets lost: how, when and where.",
     "play": "Draw an episode of a policy as a picture or an animation.",
     "export": "Write a policy as an ONNX file that runs without lndrl, and its contract.",
+    "drive": "Drive a ROS 2 robot by a policy, from a machine without ROS.",
+    "robot-sim": "Stand in for a ROS 2 robot, to rehearse.",
+    "replay": "Run filter and policy over a recorded bag, and say where the belief went.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
     "ship": "For maintainers: put a policy into the package, and write its model card.",
@@ -72,6 +75,7 @@ ROOMS = {
         "ship",
     ),
     "evaluation.bench": ("benchmark", "results", "calibrate"),
+    "robot": ("drive", "robot-sim", "replay"),
     "fleet": ("learner", "actor", "evaluator", "dashboard", "certs", "doctor", "chaos"),
 }
 
