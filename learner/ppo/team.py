@@ -31,6 +31,8 @@ TIMEOUT = 300.0
 """s that a rank waits for another: longer than any of them compiles or writes a checkpoint."""
 ENVIRONMENT = ("RANK", "WORLD_SIZE", "MASTER_ADDR", "MASTER_PORT")
 """What torchrun sets for every process that it starts."""
+HERE = "here"
+"""Before the number of a rank in the store: it has come."""
 
 _BEAT = 0.5  # s between two signs of life
 _SILENT = 3.0  # s without one, after which a rank is gone
@@ -117,6 +119,7 @@ class Team:
         self.hosts = [""] * size
         self._store = dist.PrefixStore("lndrl", store)
         self._closed = threading.Event()
+        self._lost = ""  # why nothing can be said any more
         with self._told():
             store.set_timeout(self._timeout)
             dist.init_process_group(
@@ -150,10 +153,11 @@ class Team:
         if size == 1:
             return None
         address = f"{given['MASTER_ADDR']}:{port}"
-        _stay_on_this_machine(given["MASTER_ADDR"])
+        stay_on_this_machine(given["MASTER_ADDR"])
         try:
             wait = timedelta(seconds=timeout)
             store, rank, size = next(iter(dist.rendezvous("env://", timeout=wait)))
+            store.set(f"{HERE}/{rank}", "")
         except (RuntimeError, ValueError, OSError):
             raise UserError(
                 f"rank {rank} finds nobody at {address} (MASTER_ADDR, MASTER_PORT); start all "
@@ -245,10 +249,13 @@ class Team:
     @contextmanager
     def _told(self) -> Iterator[None]:
         """Say in a sentence what torch says of a rank that is gone."""
+        if self._lost:
+            raise UserError(self._lost)
         try:
             yield
         except RuntimeError as error:
-            raise UserError(self._who_is_gone(error)) from None
+            self._lost = self._lost or self._who_is_gone(error)
+            raise UserError(self._lost) from None
 
     def _who_is_gone(self, error: RuntimeError) -> str:
         before = self._beats()
@@ -286,7 +293,7 @@ _AGAIN = (
 )
 
 
-def _stay_on_this_machine(address: str) -> None:
+def stay_on_this_machine(address: str) -> None:
     """Let gloo use the loopback where all ranks are here: a host's own name may lead nowhere."""
     if address in ("127.0.0.1", "localhost", "::1"):
         os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")

@@ -17,8 +17,8 @@ def bench(
     name: Annotated[
         str,
         typer.Argument(
-            help="laser, crowd, amcl, world, reward, gym, policy, learner, transport, train, "
-            "memory, tls, or all; or gpu: all that wants one, in a few minutes"
+            help="laser, crowd, amcl, world, reward, gym, policy, learner, ranks, weights, "
+            "transport, train, memory, tls, or all; or gpu: all that wants one, in a few minutes"
         ),
     ],
     peers: Annotated[
@@ -53,7 +53,9 @@ def bench(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="world, policy, learner, train, memory: also so"
+            "--set",
+            metavar="KEY=VALUE",
+            help="world, policy, learner, ranks, train, memory: also so",
         ),
     ] = None,
     rehearse: Annotated[

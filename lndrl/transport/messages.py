@@ -146,8 +146,9 @@ class Hello(Message):
 class Welcome(Message):
     """The learner's answer: the run and its configuration.
 
-    ``weights_version`` (NO_WEIGHTS before the first) and ``learner_incarnation`` are filled in by
-    the transport.
+    ``lane``: where this actor's uploads go, in a learner of several ranks; empty for the one there
+    is. ``weights_version`` (NO_WEIGHTS before the first) and ``learner_incarnation`` are filled in
+    by the transport.
     """
 
     KIND: ClassVar[str] = "welcome"
@@ -156,9 +157,12 @@ class Welcome(Message):
     actor_index: int
     weights_version: int = NO_WEIGHTS
     learner_incarnation: str = ""
+    lane: str = ""
 
     def __post_init__(self) -> None:
         _text("run_id", self.run_id, empty=False)
+        if self.lane != "":
+            _identifier("lane", self.lane)
         if not isinstance(self.config, dict):
             raise MessageError("config must be a map")
         _integer("actor_index", self.actor_index)
