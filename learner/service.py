@@ -13,6 +13,7 @@ from learner.status import StatusThread
 from lndrl import kernels
 from lndrl.ahead import compiling_ahead
 from lndrl.config import RunConfig
+from lndrl.machine.files import raise_file_limit
 from lndrl.transport import Security, open_learner
 
 _GOODBYE = 5.0  # s for actors to hear that the run is done
@@ -40,6 +41,7 @@ def run_learner(
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
     quiet_tensorboard()
+    raise_file_limit()
     door = open_learner(config.transport, security=security)
     try:
         learner = Learner(config, path, door, resume, checkpoint, quiet)

@@ -41,6 +41,8 @@ from lndrl.transport.zenoh.session import (
 CAPACITY = 4096
 ANNOUNCE_SECONDS = 1.0
 JOIN_SECONDS = 10.0
+WEIGHTS_THREADS = 16
+"""Links that may be slow to take weights before one more has to wait for them."""
 logger = logging.getLogger(__name__)
 
 
@@ -85,7 +87,6 @@ class ZenohLearner:
         for name, key, take in (
             ("status", STATUS, self._on_status),
             ("announce", ANNOUNCE, self._on_announce),
-            ("weights", WEIGHTS, self._on_weights),
             ("intake", f"{UPLOAD}/**", self._uploads.put),
             ("ping", PING, self._on_ping),
             ("validation", VALIDATION, self._on_validation),
@@ -94,6 +95,11 @@ class ZenohLearner:
             queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
             self._entities.append(queryable)
             session.pump(name, queryable.handler, take)
+        weights = session.zenoh.declare_queryable(WEIGHTS, zenoh.handlers.FifoChannel(CAPACITY))
+        self._entities.append(weights)
+        # A reply waits until its link has taken megabytes in: others must not wait with it.
+        for _ in range(WEIGHTS_THREADS):
+            session.pump("weights", weights.handler, self._on_weights)
         session.run("uploads", self._take_uploads)
         session.run("announcer", self._announce)
 
@@ -170,9 +176,10 @@ class ZenohLearner:
                 query.reply(WEIGHTS, b"", attachment=newest)
                 return
             announcement, blob = found
-            if self._payload is None or self._payload[0] != announcement.digest:
-                self._payload = (announcement.digest, zenoh.ZBytes(blob))
-            query.reply(WEIGHTS, self._payload[1], attachment=encode(announcement))
+            kept = self._payload
+            if kept is None or kept[0] != announcement.digest:
+                kept = self._payload = (announcement.digest, zenoh.ZBytes(blob))
+            query.reply(WEIGHTS, kept[1], attachment=encode(announcement))
 
     def _on_announce(self, query: zenoh.Query) -> None:
         with query:
