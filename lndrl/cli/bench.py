@@ -164,14 +164,17 @@ def _measure_fleet(
     """Play synthetic actors against a learner and show a row for each number of them."""
     import json
 
-    from lndrl.bench import fleet, report
+    from lndrl.bench import report
+    from lndrl.bench.fleet.plan import plan_of
+    from lndrl.bench.fleet.row import measure
+    from lndrl.bench.fleet.table import table
     from lndrl.bench.scene import with_settings
     from lndrl.cli.signals import say
     from lndrl.cli.tables import print_tables
 
     if seconds is not None and not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
-    plan = fleet.plan_of(actors or "1,8,64", update or "drain", every, 2.0 * (seconds or 5.0))
+    plan = plan_of(actors or "1,8,64", update or "drain", every, 2.0 * (seconds or 5.0))
     rows: list[Any] = []
 
     def words() -> str:
@@ -179,11 +182,11 @@ def _measure_fleet(
         return f"measured {known} actors; begin again with: {same_command()}"
 
     with telling(words), with_settings(settings):
-        rows.extend(fleet.measure(plan, lambda line: None if quiet else say(line)))
+        rows.extend(measure(plan, lambda line: None if quiet else say(line)))
     if quiet:
         typer.echo(json.dumps(rows, indent=2))
         return
-    print_tables(fleet.table(rows, plan.update))
+    print_tables(table(rows, plan.update))
     typer.echo(report.machine_line(report.machine()))
 
 

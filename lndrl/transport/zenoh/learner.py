@@ -41,7 +41,7 @@ from lndrl.transport.zenoh.session import (
 CAPACITY = 4096
 ANNOUNCE_SECONDS = 1.0
 JOIN_SECONDS = 10.0
-WEIGHTS_THREADS = 16
+WEIGHTS_THREADS = 8
 """Links that may be slow to take weights before one more has to wait for them."""
 logger = logging.getLogger(__name__)
 
