@@ -94,7 +94,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_train_starts_learner_and_actors(services: Services, capsys) -> None:
     line = "train run.yaml --actors 3 --steps 500 --run first --set seed=7 ppo.epochs=2"
     assert run([*line.split(), "--listen", "tcp/127.0.0.1:7555"]) == 0
-    [(name, (config, folder, resume, checkpoint, drawn, stop, *_), _)] = services.calls
+    [(name, (config, folder, resume, checkpoint, drawn, stop), _)] = services.calls
     assert (name, folder, resume, checkpoint) == ("local", Path("runs/first"), False, None)
     assert (config.seed, config.ppo.epochs) == (7, 2)
     assert config.learner.total_steps == 500
@@ -135,7 +135,7 @@ def test_learner(services: Services) -> None:
     assert (endpoint or config.transport.endpoint) == "tcp/0.0.0.0:7000"
     assert config.learner.total_steps == 9
     assert not stop.is_set()
-    assert options == {"security": Security("learner")}
+    assert options == {"security": Security("learner"), "team": None}
 
 
 def test_learner_listens_on_loopback_unless_asked(services: Services) -> None:
