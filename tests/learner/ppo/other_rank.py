@@ -15,7 +15,8 @@ if __name__ == "__main__":
     assert team is not None
     if sys.argv[1:] == ["dies"]:
         sys.exit()
-    while (case := team.hear()["case"]) is not None:
+    while True:
+        case = team.hear()["case"]
         config = config_of(case)
         ppo = PPO(config, team=team)
         for batch in batches(case):
@@ -25,4 +26,3 @@ if __name__ == "__main__":
                 figures = {}
             team.gather({"figures": figures, "digest": digest_of(ppo)})
         ppo.close()
-    team.close()
