@@ -97,7 +97,7 @@ class Driver:
         self.outside: dict[Reason, str] = {}
         """Reasons that whoever owns the driver knows of: the link, topics, an interruption."""
         self.arrived = False
-        self._send, self._limits, self._guard = send, limits or Limits(), guard
+        self.send, self._limits, self._guard = send, limits or Limits(), guard
         self._goal: Floats | None = None
         self._goal_fault: tuple[Reason, str] | None = None
         self._failed: str | None = None
@@ -115,10 +115,19 @@ class Driver:
         """Why it stands, the first to mend at the front; empty while it drives."""
         return self._stops
 
-    def take(self, purpose: str, content: Content, now: float, clock: int | None) -> bool:
-        """Take in a message that came at ``now``; see ``Senses.take``. True where it decided."""
+    def take(
+        self,
+        purpose: str,
+        content: Content,
+        now: float,
+        clock: int | None,
+        came: float | None = None,
+    ) -> bool:
+        """Take in a message that ``came`` (``now``, unless it had to wait), when ``clock`` showed
+        that; see ``Senses.take``. True where it led to a decision.
+        """
         goal_before = self.senses.goal
-        moved = self.senses.take(purpose, content, now, clock)
+        moved = self.senses.take(purpose, content, now if came is None else came, clock)
         if self.senses.goal is not goal_before:
             self._goal, self._goal_fault, self.arrived = None, None, False
         if purpose == "initial_pose":  # a robot that was carried begins anew
@@ -284,7 +293,7 @@ class Driver:
         self.command, self._sent_at = (v, w), now
         estimate = self.senses.estimate
         stamp = 0 if estimate is None else estimate.stamp
-        self._send("command", Velocity(v, w, stamp, self.senses.base))
+        self.send("command", Velocity(v, w, stamp, self.senses.base))
 
     def _drove(self) -> None:
         here = self.senses.wheels.newest
@@ -298,13 +307,13 @@ class Driver:
         if estimate is None or map_ is None:
             return
         frame = map_.frame
-        self._send(
+        self.send(
             "own_pose", StampedPose(estimate.stamp, frame, estimate.pose, estimate.covariance)
         )
         if now - self._shown_at >= _PARTICLES:
             self._shown_at = now
             stride = -(-len(estimate.particles) // _MOST_PARTICLES)
-            self._send("particles", Poses(estimate.stamp, frame, estimate.particles[::stride]))
+            self.send("particles", Poses(estimate.stamp, frame, estimate.particles[::stride]))
 
     def _status(self, now: float) -> None:
         """Say why it stands, when that changes and every second."""
@@ -312,7 +321,7 @@ class Driver:
         if labels == self._said and now - self._said_at < _STATUS:
             return
         self._said, self._said_at = labels, now
-        self._send("status", Words(json.dumps(self.status())))
+        self.send("status", Words(json.dumps(self.status())))
 
     def status(self) -> dict[str, object]:
         """What is published as text: state, the first reason, all of them, and in words."""

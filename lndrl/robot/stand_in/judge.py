@@ -15,7 +15,6 @@ from lndrl.robot.geometry import wrapped
 from lndrl.robot.messages import StampedPose
 from lndrl.robot.stand_in.body import Body
 
-
 _REMEMBERED = 200
 """Ticks; older reports are held against the oldest of them."""
 
