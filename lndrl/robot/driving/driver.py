@@ -32,6 +32,7 @@ from lndrl.robot.messages import (
 Floats = NDArray[np.float64]
 Send = Callable[[str, Content], None]
 Guard = Callable[[float, float, "Driver"], tuple[float, float]]
+"""What may leave of v and w, the limits kept; called with every command but a stop."""
 
 _AGAIN = 0.1
 """s after which a command is sent again: bases stop by themselves when none comes."""
@@ -71,6 +72,7 @@ class DriveView:
     probabilities: NDArray[np.floating] | None
     actions: Floats
     stops: tuple[Stop, ...]
+    guarded: bool
     robot_radius: float
     arrive_distance: float
     tally: Tally
@@ -101,7 +103,8 @@ class Driver:
         self._goal: Floats | None = None
         self._goal_fault: tuple[Reason, str] | None = None
         self._failed: str | None = None
-        self._guarded: str | None = None
+        self.guarded = False
+        """Whether the guard has let less through than was asked for, in the last command."""
         self._wanted = 0.0, 0.0
         self._due = 0
         self._sent_at = self._stopped_at = self._said_at = self._shown_at = -np.inf
@@ -175,6 +178,7 @@ class Driver:
             probabilities=None if decision is None else decision.probabilities,
             actions=self.pilot.actions,
             stops=self._stops,
+            guarded=self.guarded,
             robot_radius=config.world.robot_radius,
             arrive_distance=config.task.arrive_distance,
             tally=self.tally,
@@ -267,7 +271,7 @@ class Driver:
         before = self._stops
         self._stops = in_order(found)
         for stop in self._stops:
-            if not before and not stop.reason.is_rest:
+            if not before and self.tally.decisions and not stop.reason.is_rest:
                 label = stop.reason.label
                 self.tally.stops[label] = self.tally.stops.get(label, 0) + 1
         if self._stops and not before:
@@ -286,7 +290,9 @@ class Driver:
         seconds = min(now - self._sent_at, 0.5) if np.isfinite(self._sent_at) else _AGAIN
         v, w = self._limits.within(wanted, self.command, seconds)
         if self._guard is not None:
+            asked = v, w
             v, w = self._guard(v, w, self)
+            self.guarded = (v, w) != asked
         self._emit(v, w, now)
 
     def _emit(self, v: float, w: float, now: float) -> None:
@@ -331,4 +337,5 @@ class Driver:
             "reason": first.reason.label if first else "",
             "words": str(first) if first else "",
             "all": [stop.reason.label for stop in self._stops],
+            "guarded": self.guarded,
         }

@@ -44,7 +44,6 @@ class Reason(Enum):
     GOAL_OFF_MAP = "give a goal on the map"
     GOAL_IN_WALL = "give a goal on free floor, farther from walls"
     GOAL_UNREACHABLE = "give a goal that the floor connects with the robot"
-    GUARD = "the guard lets nothing else through; it goes on when there is room"
     ARRIVED = "give another goal"
     NO_GOAL = "give one: RViz's 2D Goal Pose, or --goal X,Y"
 

@@ -51,7 +51,8 @@ def _state(view: DriveView, width: int) -> list[Text]:
     """Driving, or every reason to stand, the first with what to do."""
     if not view.stops:
         v, w = view.command
-        return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s", GOOD), Text("")]
+        held = "   the guard holds it back" if view.guarded else ""
+        return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s{held}", GOOD), Text("")]
     first = view.stops[0]
     style = QUIET if first.reason.is_rest else BAD
     said = wrap(f"standing  {first}", width, 2)

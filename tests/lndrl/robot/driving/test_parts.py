@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -196,3 +199,9 @@ def test_the_first_reason_is_the_one_to_mend_first() -> None:
     assert [stop.reason.label for stop in stops] == ["link_lost", "scan_stale", "no_goal"]
     assert str(stops[1]).startswith("scan_stale: old; check the scanner")
     assert Reason.NO_GOAL.is_rest and not Reason.SCAN_STALE.is_rest
+
+
+def test_every_reason_is_explained_in_the_docs() -> None:
+    page = Path(__file__).resolve().parents[4] / "docs" / "robot.md"
+    explained = set(re.findall(r"`([a-z_]+)`", page.read_text("utf-8")))
+    assert {reason.label for reason in Reason} <= explained
