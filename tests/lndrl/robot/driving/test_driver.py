@@ -180,6 +180,7 @@ def silenced(value: float) -> Any:
         (changed("scan", ranges=np.ones(100, np.float32)), "scan_changed"),
         (changed("scan", range_max=30.0), "scan_changed"),
         (changed("scan", frame="elsewhere"), "no_scanner_pose"),
+        (changed("people", frame="camera"), "people_frame"),
         (changed("odometry", pose=np.array([np.nan, 0.0, 0.0])), "odometry_invalid"),
         (changed("odometry", pose=np.array([50.0, 0.0, 0.0])), "odometry_jumped"),
     ],
