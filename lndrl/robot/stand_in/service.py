@@ -101,7 +101,7 @@ class StandIn:
         kind = names.TWIST_STAMPED if rehearsal.stamped else names.TWIST
         link.subscribe(self._topics.topic("command", kind))
         link.subscribe(self._topics.topic("own_pose"))
-        for purpose in ("map", "tf_static", "scan"):  # announced before anybody listens
+        for purpose in self._purposes():  # announced before anybody looks for them
             self._publisher(purpose)
 
     def run(
@@ -122,6 +122,16 @@ class StandIn:
             if told is not None:
                 told(record)
         return records
+
+    def _purposes(self) -> list[str]:
+        """What it publishes."""
+        rehearsal = self.rehearsal
+        found = ["map", "tf_static", "tf", "odometry", "scan", "initial_pose"]
+        found += ["clock"] if rehearsal.simulated else []
+        found += ["goal"] if rehearsal.goals else []
+        found += ["robot_pose"] if self.body.own_pose(0) is not None else []
+        people = {"spencer": "people", "poses": "people_poses", "none": ""}[rehearsal.people]
+        return [*found, people] if people else found
 
     def _episode(self, number: int, stop: threading.Event) -> DrivenEpisode | None:
         """One episode; None where it was stopped."""
