@@ -14,12 +14,15 @@ from learner.intake.ingest import Chunk, Ingest
 from learner.intake.ledger import Ledger
 from learner.intake.limits import check_messages, check_queue
 from learner.intake.roster import Roster
+from learner.intake.whole import Whole
 from learner.memory import MemoryTide, keep_freed_memory
 from learner.ppo.batch import Batch, assemble
 from learner.ppo.example.stage import Stage, stage_of
 from learner.ppo.rollout_store import RolloutStore
 from learner.ppo.schedules import batch_size
 from learner.ppo.update import PPO, DivergedError
+from learner.ranks.crew import Crew
+from learner.rows import history_row, metrics_row
 from learner.run.checkpoint import (
     Counters,
     clean_up,
@@ -34,6 +37,7 @@ from learner.run.events import EventLog
 from learner.run.folder import RunFolder
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.run.validation import Validation
+from learner.sending import Sender
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.curve import read_curve
@@ -41,7 +45,7 @@ from lndrl.errors import UserError
 from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
-from lndrl.transport.status import LEARNER_ACTIVITIES, overhead
+from lndrl.transport.status import LEARNER_ACTIVITIES
 
 _MOST_FAILURES = 3  # updates in a row that diverge before the learner gives up
 
@@ -55,6 +59,7 @@ class Learner:
         endpoint: the open transport.
         resume: go on from a checkpoint of ``path``.
         checkpoint: which one; the newest by default.
+        crew: the other ranks of this learner, which is rank 0 then.
 
     Raises UserError when the folder or the checkpoint cannot be used.
     """
@@ -67,11 +72,13 @@ class Learner:
         resume: bool = False,
         checkpoint: str | None = None,
         quiet: bool = False,
+        crew: Crew | None = None,
     ) -> None:
         keep_freed_memory()
         self.config = config
         self.endpoint = endpoint
-        self.ppo = PPO(config)
+        self.crew = crew
+        self.ppo = PPO(config, team=crew.team if crew is not None else None)
         check_messages(config, len(to_bytes(self.ppo.policy)), endpoint.largest_message)
         check_queue(config)
         _check_teacher(config)
@@ -94,14 +101,10 @@ class Learner:
             Ledger(self.folder.ledger, lambda error: on_change("ledger.jsonl", error))
         )
         self.ingest = Ingest(
-            config,
-            self.folder.run_id,
-            endpoint.incarnation,
-            self.roster,
-            self.events,
-            self.accounts,
-            endpoint.largest_message,
+            *(config, self.folder.run_id, endpoint.incarnation, self.roster, self.events),
+            *(self.accounts, endpoint.largest_message, crew.lanes if crew is not None else None),
         )
+        self.whole = Whole(self.ingest)
         self.episodes = EpisodeWindow(self.counters.episodes, tuple(config.task.reward.terms))
         self.split = TimeSplit(LEARNER_ACTIVITIES)
         self.figures: dict[str, float] = {}
@@ -110,6 +113,7 @@ class Learner:
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
         self._memory = MemoryTide(self.ppo.each_thread)
+        self._sender = Sender(config, lambda text: self.events.add("weights", text))
         self._phase = ""  # announced last
         self._learned_in = ""  # phase of the newest update
         self.started = time.monotonic()
@@ -124,6 +128,8 @@ class Learner:
 
     def run(self, stop: Event) -> None:
         """Train until the run is ``finished``, or until ``stop`` is set."""
+        if self.crew is not None:
+            self.crew.stop = stop
         self.begin()
         while not self.finished and not stop.is_set():
             self.advance(timeout=0.2)
@@ -133,6 +139,9 @@ class Learner:
 
     def begin(self) -> None:
         """Open the door to actors and offer them weights."""
+        if self.crew is not None:
+            endpoint = self.config.transport.endpoint
+            self.crew.begin(self.ppo, self.counters, self.ingest, endpoint)
         if self.last_checkpoint is None and not self.counters.updates:
             self.checkpoint()  # a learner that dies early can be resumed, too
         self.ingest.weights_version = self.counters.version
@@ -155,6 +164,8 @@ class Learner:
             batch = assemble([chunk.trajectory for chunk in chunks], self.store)
         with self.split.during("update"):
             learned = self._update(batch, chunks)
+            if self.crew is not None:
+                self.crew.updated()
         if not learned:
             return False
         with self.split.during("publish"):
@@ -167,15 +178,21 @@ class Learner:
     def end(self) -> None:
         """Leave a checkpoint and say goodbye; the endpoint stays open for last answers."""
         self.ingest.close()
+        if self.crew is not None:
+            self.crew.shut(self.whole)
         self.validation.turn(self.recorder, self.counters.updates)
         if self.counters.updates and (
             self.last_checkpoint is None
             or self.last_checkpoint[0].name != checkpoint_name(self.counters.steps)
         ):
             self.checkpoint()
+        if self.crew is not None:
+            self.crew.close_books(self.ppo, self.ingest, self.events.add)
         if self.finished:
             self.ingest.finish()
             self.endpoint.finish()
+            if self.crew is not None:
+                self.crew.finish()
         try:
             self.folder.write_summary(self.summary().to_dict())
         except OSError as error:
@@ -197,7 +214,12 @@ class Learner:
     def _collect(self, timeout: float) -> list[Chunk] | None:
         if self.config.learner.mode == "lockstep":
             return self.ingest.take_round(self.config.fixed_actors, timeout)
-        return self.ingest.take(batch_size(self.config.ppo, self._progress), timeout)
+        size = batch_size(self.config.ppo, self._progress)
+        if self.crew is None:
+            return self.ingest.take(size, timeout)
+        return self.crew.collect(
+            self.ingest, self.whole, size, self.counters, timeout, self.events.add
+        )
 
     @property
     def _progress(self) -> float:
@@ -231,6 +253,7 @@ class Learner:
 
         Returns the names of the checkpoints that this one leaves behind.
         """
+        self.accounts.fold_left(self.folder.path, self.crew.leftovers() if self.crew else [])
         try:
             self.roster.restore(books["roster"])
             recovery = self.accounts.resume(
@@ -243,6 +266,8 @@ class Learner:
             raise UserError(damaged(checkpoint, error)) from None
         self.roster.reconcile(recovery.settled, recovery.excused)
         self.ingest.newest_version = recovery.newest_version
+        if self.crew is not None:
+            self.crew.excused = recovery.excused
         for note in recovery.notes:
             self.events.add("ledger", note)
         if recovery.lost.chunks:
@@ -305,10 +330,11 @@ class Learner:
         if self.config.ppo.teacher is not None and stage.phase != self._phase:
             self._phase = stage.phase
             self.events.add("phase", stage.words(self.config))
-        blob = to_bytes(self.ppo.acting, stage.guidance.to_metadata())
+        blob = self._sender(self.ppo.acting, stage.guidance.to_metadata())
         counters = self.counters
         tested = None
-        if self.config.learner.validation_episodes and self.ppo.tested is not self.ppo.acting:
+        other = self._sender.rounds or self.ppo.tested is not self.ppo.acting
+        if self.config.learner.validation_episodes and other:
             tested = to_bytes(self.ppo.tested)
         self.endpoint.publish_weights(counters.version, blob, tested)
         self.validation.offer(counters.version, counters.steps, self.elapsed, tested or blob)
@@ -318,55 +344,32 @@ class Learner:
             self.episodes.add(chunk.episodes)
         self.counters.episodes = self.episodes.count
         self.counters.elapsed = self.elapsed
-        shares, spent, actors = self.split.shares(), self.split.totals(), self.roster.shares()
-        row = {
-            "update": self.counters.updates,
-            "steps": self.counters.steps,
-            "version": self.counters.version,
-            "samples": sum(chunk.samples for chunk in chunks),
-            "episodes": self.episodes.figures(),
-            "reward_parts": self.episodes.reward_parts(),
-            "phase": self._learned_in,
-            "ppo": self.figures,
-            "lag": self.lag,
-            "time": {
-                "unix": time.time(),
-                "elapsed": self.elapsed,
-                "update": seconds,
-                "steps_per_second": self.ingest.rates.rate(60.0),
-                "actors": self.roster.counts()[0],
-                **{f"share_{name}": share for name, share in shares.items()},
-                **{f"actor_share_{name}": share for name, share in actors.items()},
-                "overhead_learner": overhead(shares),
-                "overhead_actor": overhead(actors),
-                # Sums since this learner started: what lies between two rows is exact.
-                "spent": {
-                    "learner": spent,
-                    "actors": self.roster.totals(),
-                    "actor_steps": self.roster.steps(),
-                },
-            },
-        }
+        samples = sum(chunk.samples for chunk in chunks)
+        row = metrics_row(self, self._learned_in, samples, seconds)
         self.recorder.add(row)
         self.first_update = self.first_update or time.monotonic()
-        self.history.append(_history_row(row))
+        self.history.append(history_row(row))
         del self.history[:-600]
 
     def checkpoint(self) -> None:
         """Write a checkpoint; a disk that refuses is reported and training goes on."""
         with self.split.during("checkpoint"):
+            crew, books = self.crew, self.ingest.to_state()
+            if crew is not None:
+                books = crew.books(self.ppo, self.ingest, self.events.add)
             try:
                 path = save_checkpoint(
                     self.folder.checkpoints,
                     self.ppo,
                     self.counters,
-                    self.ingest.to_state(),
+                    books,
                     self.config.learner.keep_checkpoints,
                 )
             except OSError as error:
                 self.events.add("disk", f"no checkpoint at step {self.counters.steps:,}: {error}")
                 return
-            self.accounts.checkpointed(self.counters.updates, self.counters.steps)
+            others = crew.fold(self.accounts) if crew is not None else []
+            self.accounts.checkpointed(self.counters.updates, self.counters.steps, others)
         self.last_checkpoint = (path, time.monotonic())
         self.events.add("checkpoint", path.name)
 
@@ -406,8 +409,8 @@ class Learner:
             updates=self.counters.updates,
             seconds=self.counters.elapsed if self.finished else self.elapsed,
             episodes=self.episodes.figures(),
-            dropped=self.ingest.dropped,
-            accounts=self.accounts.totals(),
+            dropped=self.whole.dropped(),
+            accounts=self.whole.accounts(),
             checkpoint=self.last_checkpoint[0] if self.last_checkpoint else None,
             early=self.early,
         )
@@ -419,17 +422,3 @@ def _check_teacher(config: RunConfig) -> None:
         from lndrl.planners import teacher_of  # loads what no other run needs
 
         teacher_of(config)
-
-
-def _history_row(row: dict[str, Any]) -> dict[str, Any]:
-    episodes = row["episodes"]
-    names = ("arrived", "collided", "lost", "timeout", "mean_return")
-    return {
-        "time": row["time"]["unix"],
-        "steps": row["steps"],
-        "rate": row["time"]["steps_per_second"],
-        **{name: episodes[name] for name in names},
-        "kl": row["ppo"].get("kl"),
-        "entropy": row["ppo"].get("entropy"),
-        "lag": row["lag"]["mean"],
-    }

@@ -7,12 +7,16 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
+from learner.intake.lanes import lane_of
 from learner.learner import Learner
+from learner.ppo.team import Team
+from learner.ranks.crew import Crew
 from learner.run.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
 from lndrl import kernels
 from lndrl.ahead import compiling_ahead
 from lndrl.config import RunConfig
+from lndrl.machine.files import raise_file_limit
 from lndrl.transport import Security, open_learner
 
 _GOODBYE = 5.0  # s for actors to hear that the run is done
@@ -28,10 +32,12 @@ def run_learner(
     quiet: bool = False,
     on_ready: Callable[[Learner], None] = lambda learner: None,
     security: Security | None = None,
+    team: Team | None = None,
 ) -> RunSummary:
     """Serve one training run until it is finished or ``stop`` is set; returns its summary.
 
-    ``on_ready`` is called once actors can connect.
+    ``on_ready`` is called once actors can connect. ``team``: this is its rank 0, and the others
+    follow (``learner.ranks.follower``).
     The port is taken before the folder is made, so a busy port leaves nothing behind. Raises
     UserError for whatever the user can mend.
     """
@@ -40,9 +46,12 @@ def run_learner(
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
     quiet_tensorboard()
-    door = open_learner(config.transport, security=security)
+    raise_file_limit()
+    lane = "" if team is None else lane_of(team.rank)
+    door = open_learner(config.transport, security=security, lane=lane)
+    crew, well = None if team is None else Crew(team), False
     try:
-        learner = Learner(config, path, door, resume, checkpoint, quiet)
+        learner = Learner(config, path, door, resume, checkpoint, quiet, crew)
         learner.events.add("listen", config.transport.endpoint)
         status = StatusThread(learner)
         status.start()
@@ -57,8 +66,11 @@ def run_learner(
             status.stop()
             learner.close()
         _wait_for_goodbyes(learner)
+        well = True
         return learner.summary()
     finally:
+        if crew is not None:
+            crew.leave(well)
         door.close()
 
 

@@ -15,11 +15,11 @@ _SETTLING = 5.0  # s from the first update on, before which shares of time say l
 
 def snapshot(learner: Learner) -> dict[str, Any]:
     """What ``lndrl.transport.status.Status`` describes, as plain data."""
-    ingest, counters, config = learner.ingest, learner.counters, learner.config
-    rates = ingest.rates.all()
+    whole, counters, config = learner.whole, learner.counters, learner.config
+    rates = whole.rates()
     shares = learner.split.shares()
-    actors = learner.roster.rows(counters.version)
-    actor_shares = learner.roster.shares()
+    actors = whole.rows(counters.version)
+    actor_shares = whole.actor_shares()
     left = max(0, config.learner.total_steps - counters.steps)
     kept = learner.last_checkpoint
     stage = learner.stage
@@ -46,9 +46,9 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "episodes": learner.episodes.figures(),
         "ppo": learner.figures,
         "lag": learner.lag,
-        "dropped": ingest.dropped,
-        "accounts": learner.accounts.totals(),
-        "queue": ingest.waiting(),
+        "dropped": whole.dropped(),
+        "accounts": whole.accounts(),
+        "queue": whole.waiting(),
         "validation": learner.validation.snapshot(),
         "events": learner.events.recent(),
         "checkpoint": {"path": str(kept[0]), "age": time.monotonic() - kept[1]} if kept else None,
@@ -68,7 +68,7 @@ def _verdict(learner: Learner, actors: list[dict[str, Any]]) -> str:
     if since < _SETTLING:
         return "learning"
     waits = learner.split.shares(since)["wait"]
-    return balance_word(waits, learner.roster.shares(since).get("wait", 0.0))
+    return balance_word(waits, learner.whole.actor_shares(since).get("wait", 0.0))
 
 
 def _compiling(learner: Learner, actors: list[dict[str, Any]]) -> str:

@@ -47,6 +47,7 @@ FLOORS = {
     "lndrl.bench": 6,
     "lndrl.cli": 6,
     "lndrl.__main__": 6,
+    "learner.__main__": 6,
 }
 # Rooms within rooms, and the files at the door beside them: floors of the house they are in. The
 # door is where a room has no entry of its own; a house's __init__ stands above all of it.
@@ -56,6 +57,7 @@ INNER_FLOORS = {
     "learner.ppo.example": 1,
     "learner.run": 2,
     "learner.intake": 3,
+    "learner.ranks": 4,
     "learner": 4,
     "lndrl.transport": 0,
     "lndrl.transport.security": 1,
@@ -133,7 +135,12 @@ MODULES = {module_of(path) for path in FILES}
 
 
 def room_of(module: str) -> str:
-    """The room a dotted name belongs to: lndrl's children, or actors, or learner."""
+    """The room a dotted name belongs to: lndrl's children, or actors, or learner.
+
+    What a service is started by from a shell stands where the command line does.
+    """
+    if module in FLOORS:
+        return module
     parts = module.split(".")
     return ".".join(parts[:2]) if parts[0] == "lndrl" else parts[0]
 

@@ -7,14 +7,16 @@ its checkpoint does not know.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from learner.intake.ledger import RULES, ChunkId, History, Ledger, Tally, chunk_id
+from learner.intake.ledger import LEDGER_FILE, RULES, ChunkId, History, Ledger, Tally, chunk_id
+from learner.intake.parts import Part, PartLedger, append, appended_to, parts_in, remove_parts
 
-__all__ = ["Accounts", "ChunkId", "Recovery"]
+__all__ = ["Accounts", "ChunkId", "Recovery", "joined", "summed"]
 
 
 @dataclass
@@ -63,10 +65,41 @@ class Accounts:
         with self._lock:
             self._drop(rule, chunks)
 
-    def checkpointed(self, update: int, step: int) -> None:
-        """A checkpoint is on disk."""
+    def checkpointed(self, update: int, step: int, others: Sequence[dict[str, Any]] = ()) -> None:
+        """A checkpoint is on disk; ``others``: the totals of the other ranks in it."""
         with self._lock:
-            self._ledger.checkpoint(update, step, self._totals())
+            self._ledger.checkpoint(update, step, summed([self._totals(), *others]))
+
+    def fold(self, parts: Sequence[Part], known: frozenset[str] = frozenset()) -> None:
+        """Take the lines of other ranks into the ledger, but for parts that are ``known`` there."""
+        with self._lock:
+            append(self._ledger, parts, known)
+
+    def fold_left(self, folder: Path, elsewhere: Sequence[Part]) -> None:
+        """Take in what ranks have left in the run's ``folder``, and on other machines."""
+        parts = [*parts_in(folder), *elsewhere]
+        if parts:
+            self.fold(parts, appended_to(folder / LEDGER_FILE))
+            if self._ledger.flush():
+                remove_parts(folder)
+
+    def excerpt(self) -> tuple[dict[str, Any], Part]:
+        """Of a rank other than 0: its books, and the part of the ledger behind them."""
+        assert isinstance(self._ledger, PartLedger)
+        with self._lock:
+            return self._state(), self._ledger.part
+
+    def begin_part(self, taken: int) -> None:
+        """Rank 0 has the first ``taken`` lines of this rank's part: begin another."""
+        assert isinstance(self._ledger, PartLedger)
+        with self._lock:
+            self._ledger.begin(taken)
+
+    def leave(self) -> None:
+        """Rank 0 has all that this rank has noted: forget its part."""
+        assert isinstance(self._ledger, PartLedger)
+        with self._lock:
+            self._ledger.leave()
 
     def dropped(self) -> dict[str, int]:
         """Chunks dropped, by rule."""
@@ -81,10 +114,7 @@ class Accounts:
     def to_state(self) -> dict[str, Any]:
         """Plain data for a checkpoint: the totals and what waits."""
         with self._lock:
-            return {
-                **self._totals(),
-                "open": [[*chunk, samples] for chunk, samples in self._open.items()],
-            }
+            return self._state()
 
     def resume(
         self,
@@ -153,6 +183,10 @@ class Accounts:
         settled = [chunk for chunk in chunks if chunk in self._open]
         return settled, sum(self._open.pop(chunk) for chunk in settled)
 
+    def _state(self) -> dict[str, Any]:
+        waiting = [[*chunk, samples] for chunk, samples in self._open.items()]
+        return {**self._totals(), "open": waiting}
+
     def _totals(self) -> dict[str, Any]:
         return {
             "accepted": vars(self._accepted).copy(),
@@ -160,6 +194,26 @@ class Accounts:
             "dropped": {rule: vars(tally).copy() for rule, tally in self._dropped.items()},
             "waiting": {"chunks": len(self._open), "samples": sum(self._open.values())},
         }
+
+
+def summed(totals: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The totals of several ranks as those of one."""
+
+    def tally(name: str, inner: str | None = None) -> dict[str, int]:
+        found = [t[name] if inner is None else t[name][inner] for t in totals]
+        return {unit: sum(each[unit] for each in found) for unit in ("chunks", "samples")}
+
+    return {
+        "accepted": tally("accepted"),
+        "trained": tally("trained"),
+        "dropped": {rule: tally("dropped", rule) for rule in RULES},
+        "waiting": tally("waiting"),
+    }
+
+
+def joined(states: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What ``Accounts.to_state`` says on several ranks, as that of one."""
+    return {**summed(states), "open": [row for state in states for row in state["open"]]}
 
 
 def _lost(

@@ -15,12 +15,21 @@ from numpy.typing import NDArray
 
 from learner.intake.accounts import Accounts
 from learner.intake.chunks import Chunk, ChunkQueue, check_chunk, memory_of
+from learner.intake.lanes import Lanes
 from learner.intake.limits import chunk_too_large
 from learner.intake.roster import Roster
 from learner.run.events import EventLog
 from learner.timing import Rates
 from lndrl.config import MOST_WORLDS_PER_ACTOR, RunConfig
-from lndrl.transport import PROTOCOL_VERSION, Ack, ChunkHeader, Hello, Refusal, Welcome
+from lndrl.transport import (
+    PROTOCOL_VERSION,
+    UNKNOWN_ACTOR,
+    Ack,
+    ChunkHeader,
+    Hello,
+    Refusal,
+    Welcome,
+)
 from lndrl.version import VERSION
 from lndrl.wording import counted
 
@@ -41,9 +50,14 @@ class Ingest:
         events: EventLog,
         accounts: Accounts | None = None,
         largest_message: int | None = None,
+        lanes: Lanes | None = None,
     ) -> None:
-        """``largest_message``: bytes of what the endpoint receives, if less than configured."""
+        """``largest_message``: bytes of what the endpoint receives, if less than configured.
+
+        ``lanes``: of the ranks that take in uploads, seen from this one; by default it is alone.
+        """
         self.config = config
+        self.lanes = lanes or Lanes()
         configured = config.transport.max_message_megabytes * 2**20
         self._largest_message = largest_message or configured
         self._config_data = config.model_dump(mode="json")  # for every actor that comes
@@ -103,6 +117,7 @@ class Ingest:
             actor_index=member.index,
             weights_version=self.weights_version,
             learner_incarnation=self.incarnation,
+            lane=self.lanes.of(hello.actor_id),
         )
 
     def on_chunk(self, header: ChunkHeader, arrays: dict[str, NDArray[Any]], size: int) -> Ack:
@@ -111,6 +126,8 @@ class Ingest:
             return self._ack("accepted" if self._is_known(header) else "stale")
         if header.run_id != self.run_id:
             return self._refuse(header, f"run {header.run_id[:80]} is not this run ({self.run_id})")
+        if not self.lanes.is_mine(header.actor_id):  # sent before it heard who takes it in now
+            return self._ack("refused", UNKNOWN_ACTOR)
         if self._is_known(header):
             return self._count("duplicate")
         newest = max(self.weights_version, self.newest_version)
@@ -172,6 +189,33 @@ class Ingest:
             taken = self._queue.take_first_of_each()
             self._changed.notify_all()
             return taken
+
+    def stock(self, room: int) -> int:
+        """Samples that wait and may be trained on; from now on there is room for ``room``."""
+        with self._changed:
+            self._drop_stale()
+            if room != self.batch_size:
+                self.batch_size = room
+                self._changed.notify_all()
+            return self._queue.samples
+
+    def wait_for_more(self, than: int, timeout: float) -> None:
+        """Wait until more than so many samples are here, or ``timeout`` s have passed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue.samples > than or self.done, timeout)
+
+    def draw(self, samples: int) -> list[Chunk]:
+        """The oldest chunks that together hold ``samples``, which ``stock`` has found here."""
+        with self._changed:
+            taken = self._queue.take(samples) if samples else []
+            self._changed.notify_all()
+            return taken
+
+    def excerpt(self) -> dict[str, Any]:
+        """Of a rank other than 0: roster, accounts and ledger of one moment, plain data."""
+        with self._changed:
+            accounts, part = self.accounts.excerpt()
+            return {"roster": self.roster.to_state(), "accounts": accounts, "part": vars(part)}
 
     def to_state(self) -> dict[str, Any]:
         """Roster and accounts of one moment, for a checkpoint."""

@@ -9,6 +9,7 @@ killed learner loses none, a machine without power may. Each is an object with a
 - checkpoint: update, step; the checkpoint is on disk. ``totals`` are those at this line
 - resumed: update; ``trained`` lines of later updates that stand before it are void, and the
   ``dropped`` line that follows names what was lost by that
+- folded: part; the lines before it are those of another rank (``parts.py``)
 
 Beyond 16 MB the file becomes ``ledger.jsonl.1`` at a checkpoint, what was called so ``.2``, and so
 on: ``FILES`` in all. The newest two reach back farther than that checkpoint, and are all that a
@@ -31,6 +32,7 @@ RULES = ("stale", "restart", "end", "diverged")
 LIMIT = 16 * 2**20
 """Bytes; reading two such files takes a learner that comes back about two seconds."""
 FILES = 8
+LEDGER_FILE = "ledger.jsonl"
 
 ChunkId = tuple[str, str, int]
 """Actor, its incarnation, sequence."""
@@ -129,10 +131,19 @@ class Ledger:
         """The run goes on from a checkpoint."""
         self._add(kind="resumed", update=update)
 
-    def flush(self) -> None:
-        """Try to write what waits."""
+    def copy(self, lines: Sequence[str]) -> None:
+        """Append lines that another rank has noted."""
         if self._file is not None:
-            self._file.flush()
+            for line in lines:
+                self._file.add(line)
+
+    def folded(self, part: str) -> None:
+        """All of another rank's ``part`` has been copied."""
+        self._add(kind="folded", part=part)
+
+    def flush(self) -> bool:
+        """Try to write what waits; whether nothing waits any more."""
+        return self._file is None or self._file.flush()
 
     def close(self) -> None:
         """Write what waits and close."""

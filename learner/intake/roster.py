@@ -214,13 +214,17 @@ class Roster:
 
         Of at most the last minute. Empty before the first chunk.
         """
+        return shares_of(self.seconds(window))
+
+    def seconds(self, window: float = _WINDOW_SECONDS) -> dict[str, float]:
+        """What ``shares`` are shares of."""
         since = time.monotonic() - window
         total: dict[str, float] = {}
         with self._lock:
             for member in self._members.values():
                 if member.alive:
                     _add(total, member.seconds(since))
-        return shares_of(total)
+        return total
 
     def rows(self, weights_version: int) -> list[dict[str, Any]]:
         """The actors as status rows."""

@@ -13,6 +13,7 @@ from torch import Tensor
 from learner.ppo.adam import Adam
 from learner.ppo.graphs import GraphedStep
 from learner.ppo.samples import MakeInputs
+from learner.ppo.team import Channel
 from lndrl.config import PPOConfig
 from lndrl.policy import Network, record_cuda_graph
 
@@ -36,6 +37,8 @@ class Trainee:
         precision: dtype of the products inside the network.
         stream: where a GPU works on it; None: wherever the caller does.
         graphs: record steps as CUDA graphs; needs ``stream``.
+        channel: to the other ranks that train the same network; each then evaluates its share of
+            the rows, and gradients, outputs and figures are those of all.
     """
 
     def __init__(
@@ -48,12 +51,14 @@ class Trainee:
         precision: torch.dtype = torch.float32,
         stream: torch.cuda.Stream | None = None,
         graphs: bool = False,
+        channel: Channel | None = None,
     ) -> None:
         self.network = network
         self.parameters = list(network.parameters())
         self.device = self.parameters[0].device
         self.optimizer = Adam(self.parameters, rate, ppo.adam_eps)
         self.stream = stream
+        self._channel = channel
         self._loss = loss
         self._names = ("loss", *names, "gradient_norm")
         self._limit = ppo.gradient_norm
@@ -78,6 +83,8 @@ class Trainee:
         Call it in the thread that lives longest: it makes the moments, which stay.
         """
         self.optimizer.begin()
+        if self._channel is not None:
+            self._channel.begin(self.parameters)
         self._inputs = inputs
         self._past.clear()
         self._sums.zero_()
@@ -94,13 +101,17 @@ class Trainee:
         assert self._inputs is not None
         # Gradients are written, not added to zeros: two passes over 30 MB less.
         self.optimizer.forget_gradients()
-        for number, part in enumerate(rows.tensor_split(-(-len(rows) // _PART))):
+        mine = rows if self._channel is None else self._channel.share(rows)
+        parts = mine.tensor_split(-(-len(mine) // _PART)) if len(mine) else ()
+        for number, part in enumerate(parts):
             with self._autocast():
                 outputs = self.network(self._inputs((key, number), part))
             loss, figures = self._loss(outputs, part)
             share = len(part) / len(rows)
             (loss * share).backward()
             self._sums[:-1].add_(torch.stack((loss.detach(), *figures)), alpha=share)
+        if self._channel is not None:
+            self._channel.sum_gradients(self.parameters)
 
     def norm(self) -> Tensor:
         """Euclidean norm of the gradient, a scalar on the device."""
@@ -128,10 +139,17 @@ class Trainee:
 
     def outputs(self, inputs: MakeInputs, count: int, size: int) -> Tensor:
         """Outputs float32 (count, outputs) for rows 0 to ``count``, ``size`` rows at a time."""
-        rows = [slice(i, min(i + size, count)) for i in range(0, count, size)]
+        own = range(count) if self._channel is None else self._channel.span(count)
+        rows = [slice(i, min(i + size, own.stop)) for i in range(own.start, own.stop, size)]
         with torch.no_grad(), self._autocast():
             parts = [self.network(inputs(i, part)) for i, part in enumerate(rows)]
-        return torch.cat(parts) if parts else torch.empty(0, 1, device=self.device)
+        if self._channel is None or not count:
+            return torch.cat(parts) if parts else torch.empty(0, 1, device=self.device)
+        found = torch.zeros(count, self.network.outputs, device=self.device)
+        if parts:
+            found[own.start : own.stop] = torch.cat(parts)
+        self._channel.sum(found)  # zeros but for one rank in every row
+        return found
 
     # -- figures -----------------------------------------------------------------------------
 
@@ -141,6 +159,11 @@ class Trainee:
         This is where the host waits for the device.
         """
         with self.on_stream():
+            if self._channel is not None:
+                # Each has its share of the means; the gradient's norm all of them have alike.
+                shared = self._sums[:-1].clone()
+                self._channel.sum(shared)
+                self._sums[:-1] = shared
             sums = self._sums.tolist()
             self._sums.zero_()
         means = {name: total / steps for name, total in zip(self._names, sums, strict=True)}

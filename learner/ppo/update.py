@@ -8,9 +8,7 @@ that is split over both. A GPU is fed by one thread and has a stream for each ne
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -22,6 +20,7 @@ from learner.ppo.batch import Batch, batch_advantages, way_value
 from learner.ppo.example.lessons import Lessons
 from learner.ppo.example.stage import Stage
 from learner.ppo.losses import (
+    dangerous_share,
     expected_regret,
     explained_variance,
     policy_loss,
@@ -31,11 +30,12 @@ from learner.ppo.losses import (
 from learner.ppo.safeguard import Safeguard
 from learner.ppo.samples import DeviceSamples, Samples, SharedInputs
 from learner.ppo.schedules import entropy_weight
+from learner.ppo.side_by_side import SideBySide, join_all, wait_for_all
+from learner.ppo.team import Channel, Team
 from learner.ppo.trainee import DivergedError, Loss, Trainee, minibatches
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_threads
-from lndrl.machine.threads import set_numpy_threads
 from lndrl.policy import (
     Network,
     build_policy,
@@ -52,8 +52,6 @@ _TEACHER_FIGURES = ("teacher_kl", "teacher_agreement")
 _FORWARD_ROWS = 256  # rows per pass without gradients: fits the caches, bounds the memory
 _FORWARD_ROWS_GPU = 2048
 
-R = TypeVar("R")
-
 
 class PPO:
     """Networks, optimizers and the update rule.
@@ -61,6 +59,7 @@ class PPO:
     Args:
         config: the run; ``learner`` says where and how precisely the networks are evaluated.
         dense: train on the CPU the way a GPU does, dense and in one thread; for tests.
+        team: the ranks that train the same networks; all of them must make theirs at this moment.
 
     Attributes:
         policy, value: the two networks.
@@ -72,11 +71,11 @@ class PPO:
     Raises UserError when the device is not there, and for a teacher that cannot teach the task.
     """
 
-    def __init__(self, config: RunConfig, dense: bool = False) -> None:
+    def __init__(self, config: RunConfig, dense: bool = False, team: Team | None = None) -> None:
         if misfit := config.teacher_misfit():
             raise UserError(misfit)
         self.config = config
-        self.device = resolve_device(config.learner.device)
+        self.device = _device_of(team, resolve_device(config.learner.device))
         self.precision = _precision(config.learner.precision, self.device)
         self._on_device = dense or self.device.type != "cpu"
         torch.manual_seed(config.seed)
@@ -90,11 +89,12 @@ class PPO:
         self._hold = torch.zeros(2, device=self.device)  # temperature and KL weight, see Stage
         self.lessons = Lessons(config) if taught else None
         self._per_metre = way_value(config)
+        one, other = (None, None) if team is None else team.channels(self.device)
         self._actor = self._trainee(
-            self.policy, config.ppo.actor_learning_rate, self._policy_loss, self._figures
+            self.policy, config.ppo.actor_learning_rate, self._policy_loss, self._figures, one
         )
         self._critic = self._trainee(
-            self.value, config.ppo.critic_learning_rate, self._value_loss, ()
+            self.value, config.ppo.critic_learning_rate, self._value_loss, (), other
         )
         self._safeguard = Safeguard((self._actor, self._critic))
         self.policy_optimizer = self._actor.optimizer
@@ -109,18 +109,16 @@ class PPO:
             self._entropy = torch.tensor(config.ppo.entropy, device=self.device)
         self.rng = np.random.default_rng([config.seed, 0x9E3779B9])
         cores = config.learner.threads or usable_threads()
-        self.threads = max(1, cores // 2)
-        set_numpy_threads(1)  # it multiplies small parts, many, for both networks at once
-        # Always the same thread for a network: a thread's allocator fits what it did before.
-        self._threads = {
-            trainee: ThreadPoolExecutor(1, name, initializer=self._limit_threads)
-            for trainee, name in ((self._actor, "policy"), (self._critic, "value"))
-        }
+        sharing = 1 if team is None else team.neighbours
+        self.work = SideBySide(
+            {"policy": self._actor, "value": self._critic},
+            max(1, cores // (2 * sharing)),
+            self._on_device,
+        )
 
     def close(self) -> None:
         """End the threads."""
-        for thread in self._threads.values():
-            thread.shutdown(wait=True, cancel_futures=True)
+        self.work.close()
 
     def update(
         self,
@@ -229,7 +227,7 @@ class PPO:
                 call()
                 trainee.join()
         else:
-            self._each(*calls)
+            self.work.each(*calls)
         figures = self._after_epochs()
         figures["explained_variance"] = variance
         figures["learning_rate"] = rate
@@ -251,10 +249,7 @@ class PPO:
 
     def each_thread(self, work: Callable[[], None]) -> None:
         """Call ``work`` in each thread that trains a network on the CPU; all have ended then."""
-        futures = [thread.submit(work) for thread in self._threads.values()]
-        wait(futures)
-        for future in futures:
-            future.result()
+        self.work.each_thread(work)
 
     # -- the two phases of an update ---------------------------------------------------------
 
@@ -274,7 +269,7 @@ class PPO:
             final = self._critic.outputs(self.samples.final_inputs, finals, size)
             return torch.cat((value, final)).squeeze(1)
 
-        log_prob, both = self._each((self._actor, proximal), (self._critic, values))
+        log_prob, both = self.work.each((self._actor, proximal), (self._critic, values))
         value = both.cpu().numpy()
         return log_prob, value[:count], value[count:]
 
@@ -294,20 +289,18 @@ class PPO:
         for trainee in both:
             trainee.begin(inputs.get)
         if self._on_device or self.config.ppo.joint_gradient_norm:
-            for trainee in both:
-                trainee.wait()
+            wait_for_all(both)
             self._epochs(list(both), orders)
-            for trainee in both:
-                trainee.join()
+            join_all(both)
         else:
-            self._each(*((t, partial(self._alone, t, orders, inputs)) for t in both))
+            self.work.each(*((t, partial(self._alone, t, orders, inputs)) for t in both))
         return self._after_epochs()
 
     def _after_epochs(self) -> dict[str, float]:
         """Free what the steps needed; their figures."""
         both = (self._actor, self._critic)
         if not self._on_device:  # there torch has allocators of its own
-            self._each(*((t, t.end) for t in both))
+            self.work.each(*((t, t.end) for t in both))
         policy, value = (trainee.figures() for trainee in both)
         return {
             **{name: policy[name] for name in self._figures if policy},
@@ -343,9 +336,9 @@ class PPO:
                     trainee.step(key, rows)
             return
         # As published by the group: one gradient norm over both networks.
-        self._each(*((t, partial(t.gradient, key, rows)) for t in going))
+        self.work.each(*((t, partial(t.gradient, key, rows)) for t in going))
         norm = torch.linalg.vector_norm(torch.stack([t.norm() for t in going]))
-        self._each(*((t, partial(t.apply, norm)) for t in going))
+        self.work.each(*((t, partial(t.apply, norm)) for t in going))
 
     # -- losses ------------------------------------------------------------------------------
 
@@ -382,7 +375,12 @@ class PPO:
         # Of what the teacher was asked about; that may be none of it.
         share = taught.sum().clamp(min=1.0)
         held, agreement = (divergence * taught).sum() / share, (agrees * taught).sum() / share
-        return loss.total + weight * held, (*figures, held.detach(), agreement)
+        total = loss.total + weight * held
+        plan = self.config.imitation
+        if plan.avoid > 0.0:
+            risk = (dangerous_share(logits, cost, plan.danger) * taught).sum() / share
+            total = total + plan.avoid * risk
+        return total, (*figures, held.detach(), agreement)
 
     def _value_loss(self, value: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
         target = self.samples.target.index_select(0, rows)
@@ -398,23 +396,27 @@ class PPO:
         return network
 
     def _trainee(
-        self, network: Network, rate: float, loss: Loss, names: tuple[str, ...]
+        self,
+        network: Network,
+        rate: float,
+        loss: Loss,
+        names: tuple[str, ...],
+        channel: Channel | None,
     ) -> Trainee:
         # One gradient norm over both networks makes each wait for the other anyway.
         alone = self.device.type == "cuda" and not self.config.ppo.joint_gradient_norm
         stream = torch.cuda.Stream(self.device) if alone else None
-        graphs = self.config.learner.cuda_graphs
-        return Trainee(network, rate, loss, names, self.config.ppo, self.precision, stream, graphs)
+        graphs = self.config.learner.cuda_graphs and channel is None  # sums are not recorded
+        return Trainee(
+            *(network, rate, loss, names, self.config.ppo),
+            *(self.precision, stream, graphs, channel),
+        )
 
     def _set_entropy(self, weight: float) -> None:
         if isinstance(self._entropy, Tensor):
             self._entropy.fill_(weight)
         else:
             self._entropy = weight
-
-    def _limit_threads(self) -> None:
-        # torch's thread count belongs to the calling thread.
-        torch.set_num_threads(self.threads)
 
     def _load(self, batch: Batch) -> None:
         if self.samples.load(batch):
@@ -425,25 +427,21 @@ class PPO:
         # Streams share nothing: to wait for one another would cost more than drawing twice.
         return SharedInputs(self.samples.inputs, readers=1 if self._on_device else 2)
 
-    def _each(self, *work: tuple[Trainee, Callable[[], R]]) -> list[R]:
-        """Do each network's work, at the same time; all of it has ended or is in order."""
-        if not self._on_device:
-            futures = [self._threads[trainee].submit(call) for trainee, call in work]
-            wait(futures)
-            return [future.result() for future in futures]
-        for trainee, _ in work:
-            trainee.wait()
-        results = []
-        for trainee, call in work:
-            with trainee.on_stream():
-                results.append(call())
-        for trainee, _ in work:
-            trainee.join()
-        return results
-
 
 def _precision(name: str, device: torch.device) -> torch.dtype:
     if name == "auto":
         gpu = device.type == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False)
         name = "bfloat16" if gpu else "float32"
     return torch.bfloat16 if name == "bfloat16" else torch.float32
+
+
+def _device_of(team: Team | None, device: torch.device) -> torch.device:
+    """``device``; where ranks share a machine, each of them has a GPU of its own there."""
+    if team is None or device.type != "cuda" or device.index is not None:
+        return device
+    if team.place >= torch.cuda.device_count():
+        raise UserError(
+            f"{team.neighbours} ranks are on {team.hosts[team.rank]}, which has "
+            f"{torch.cuda.device_count()} GPUs; start one rank for each"
+        )
+    return torch.device("cuda", team.place)

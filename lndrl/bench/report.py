@@ -32,6 +32,8 @@ BENCHMARKS = {
     "gym": "control steps of 32 worlds as Gymnasium's users take them, one core, no policy",
     "policy": "policy inference on real observations, one core",
     "learner": "forward and backward of both nets",
+    "ranks": "gradient steps of two ranks on a core each, beside one rank on one core",
+    "weights": "half precision for actors: bytes, and what it does to the policy",
     "transport": "acknowledged uploads over zenoh, actor in another process",
     "train": "whole training, learner and actors",
     "robot": "scan to command and stale scan to stop of a drive, one core, over zenoh",
@@ -44,7 +46,7 @@ COMPARED = ("laser", "crowd", "amcl", "world", "train")
 returns ``{peer: {key: figure}}`` of the same work in the same run."""
 ON_DEVICES = ("policy", "learner", "train")
 """These take a ``device``: ``measure(seconds, device)``."""
-ADJUSTED = ("world", "policy", "learner", "train", "memory")
+ADJUSTED = ("world", "policy", "learner", "ranks", "train", "memory")
 """These can be measured under other settings than their own."""
 
 REPETITIONS = 5

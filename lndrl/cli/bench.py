@@ -17,8 +17,9 @@ def bench(
     name: Annotated[
         str,
         typer.Argument(
-            help="laser, crowd, amcl, world, reward, gym, policy, learner, transport, train, "
-            "memory, tls, robot, or all; or gpu: all that wants one, in a few minutes"
+            help="laser, crowd, amcl, world, reward, gym, policy, learner, ranks, weights, "
+            "transport, train, memory, tls, robot, or all; gpu: all that wants one, in a few minutes; "
+            "fleet: how many actors a learner carries"
         ),
     ],
     peers: Annotated[
@@ -53,7 +54,9 @@ def bench(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="world, policy, learner, train, memory: also so"
+            "--set",
+            metavar="KEY=VALUE",
+            help="world, policy, learner, ranks, train, memory, fleet: also so",
         ),
     ] = None,
     episodes: Annotated[
@@ -70,6 +73,23 @@ def bench(
         Path | None,
         typer.Option(metavar="FILE", help="gpu: JSON of what is known so far, at any time"),
     ] = None,
+    actors: Annotated[
+        str | None,
+        typer.Option(metavar="N,N,...", help="fleet: synthetic actors, 1,8,64 unless given"),
+    ] = None,
+    update: Annotated[
+        str | None,
+        typer.Option(
+            metavar="drain|real",
+            help="fleet: drain (unless given) books what came as trained; real: the learner learns",
+        ),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="fleet: one chunk of each actor every so often, not 300 steps/s"
+        ),
+    ] = None,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
@@ -79,9 +99,17 @@ def bench(
     if name == "gpu":
         given = {"--peers": peers, "--profile": profile, "--seconds": seconds is not None}
         given |= {"--device": bool(device), "--vs": bool(vs), "--set": bool(settings)}
-        _check_alone(given)
+        _check_alone(given, _GPU_TAKES)
         _measure_gpu(rehearse, minutes, out, json_output)
         return
+    if name == "fleet":
+        given = {"--peers": peers, "--profile": profile, "--device": bool(device), "--vs": bool(vs)}
+        _check_alone(given, "fleet, which takes --actors, --update, --every, --seconds and --set")
+        _measure_fleet(actors, update, every, seconds, settings or [], json_output)
+        return
+    if actors is not None or update is not None or every is not None:
+        option = "--actors" if actors is not None else "--every" if update is None else "--update"
+        raise UserError(f"{option} goes with fleet, not with {name}")
     if rehearse or minutes is not None or out is not None:
         option = "--rehearse" if rehearse else "--out" if out is not None else "--minutes"
         raise UserError(f"{option} goes with gpu, not with {name}")
@@ -121,13 +149,53 @@ def bench(
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
 
 
-def _check_alone(given: dict[str, bool]) -> None:
-    """Raise UserError where an option was ``given`` that gpu does not take."""
+_GPU_TAKES = (
+    "gpu, which takes --minutes, --out, --rehearse and --json; "
+    "CUDA_VISIBLE_DEVICES chooses the card"
+)
+
+
+def _check_alone(given: dict[str, bool], what: str) -> None:
+    """Raise UserError where an option was ``given`` that ``what`` does not take."""
     if option := next((name for name, value in given.items() if value), None):
-        raise UserError(
-            f"{option} does not go with gpu, which takes --minutes, --out, --rehearse and --json; "
-            "CUDA_VISIBLE_DEVICES chooses the card"
-        )
+        raise UserError(f"{option} does not go with {what}")
+
+
+def _measure_fleet(
+    actors: str | None,
+    update: str | None,
+    every: float | None,
+    seconds: float | None,
+    settings: list[str],
+    quiet: bool,
+) -> None:
+    """Play synthetic actors against a learner and show a row for each number of them."""
+    import json
+
+    from lndrl.bench import report
+    from lndrl.bench.fleet.plan import plan_of
+    from lndrl.bench.fleet.row import measure
+    from lndrl.bench.fleet.table import table
+    from lndrl.bench.scene import with_settings
+    from lndrl.cli.signals import say
+    from lndrl.cli.tables import print_tables
+
+    if seconds is not None and not seconds > 0:
+        raise UserError(f"--seconds {seconds:g}: must be above 0")
+    plan = plan_of(actors or "1,8,64", update or "drain", every, 2.0 * (seconds or 5.0))
+    rows: list[Any] = []
+
+    def words() -> str:
+        known = ", ".join(str(row["actors"]) for row in rows) or "no number of"
+        return f"measured {known} actors; begin again with: {same_command()}"
+
+    with telling(words), with_settings(settings):
+        rows.extend(measure(plan, lambda line: None if quiet else say(line)))
+    if quiet:
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    print_tables(table(rows, plan.update))
+    typer.echo(report.machine_line(report.machine()))
 
 
 def _measure_gpu(rehearse: bool, minutes: float | None, out: Path | None, quiet: bool) -> None:

@@ -34,6 +34,7 @@ SUMMARIES = {
     "learner": "Run only the learner; actors connect to it from anywhere.",
     "actor": "Run actors that simulate worlds for a learner.",
     "evaluator": "Validate the newest weights of a learner, again and again.",
+    "runs": "Say which runs there are, how they stand and how two differ.",
     "dashboard": "Watch a running learner from another terminal.",
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "returns": "Say at which discount a reward pays for which planner's way of driving.",
@@ -61,7 +62,7 @@ SUMMARIES = {
 }
 # Which room of lndrl.cli a command lives in; the others stand at its door.
 ROOMS = {
-    "training": ("train", "train-all", "sweep", "curves"),
+    "training": ("train", "train-all", "sweep", "curves", "runs"),
     "evaluation": (
         "demo",
         "evaluate",

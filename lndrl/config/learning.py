@@ -295,6 +295,11 @@ class TransportConfig(Model):
         2, description="uploads in flight per actor; a learner tells apart 16 that overtake"
     )
     lease: Seconds = Field(3.0, description="s until a silent peer counts as gone")
+    weights: Annotated[Literal["float32", "float16"], LATER] = Field(
+        "float32",
+        description="as weights travel to actors; float16: half the bytes, rounded to 11 binary "
+        "digits, by which samples are corrected (docs/ranks.md). Checkpoints stay float32",
+    )
     max_message_megabytes: Annotated[int, Field(ge=1, le=512)] = Field(
         256, description="MiB that a chunk or the weights may have; what is larger is not received"
     )

@@ -69,6 +69,7 @@ def read_tensors(
 ) -> dict[str, NDArray[np.float32]]:
     """The tensors of ``blob``, which are those that ``shapes`` names: read-only views.
 
+    What travels in half precision comes as float32, in memory of its own.
     Raises UserError when the blob is no safetensors file, holds other names or shapes, or a
     value that is not finite. Given the network's ``config``, it names the observation layout that
     the weights are for, where they say it.
@@ -82,6 +83,8 @@ def read_tensors(
         explained = explain_misfit(where, blob, config) if config is not None else None
         raise UserError(explained or f"{where}: {misfit}; these weights are of another network")
     for name, tensor in tensors.items():
+        if tensor.dtype == np.float16:
+            tensor = tensors[name] = tensor.astype(np.float32)
         if tensor.dtype != np.float32:
             raise UserError(f"{where}: {name} is {tensor.dtype}, not float32")
         # NaN and infinity both show in the extremes, sooner than by looking one by one.

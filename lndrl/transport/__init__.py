@@ -12,6 +12,7 @@ from lndrl.transport.interface import (
     LearnerEndpoint,
     LearnerHandlers,
     LearnerUnreachableError,
+    RankEndpoint,
     ValidationHandlers,
     ViewerEndpoint,
     WeightsGoneError,
@@ -38,6 +39,7 @@ from lndrl.transport.messages import (
     pack,
     unpack,
 )
+from lndrl.transport.security.exposure import reachable
 from lndrl.transport.security.identity import Security
 
 __all__ = [
@@ -58,6 +60,7 @@ __all__ = [
     "Limits",
     "MemoryNetwork",
     "MessageError",
+    "RankEndpoint",
     "Refusal",
     "Security",
     "TooLargeError",
@@ -72,22 +75,33 @@ __all__ = [
     "open_actor",
     "open_evaluator",
     "open_learner",
+    "open_rank",
     "open_viewer",
     "pack",
+    "reachable",
     "unpack",
 ]
 
 
 def open_learner(
-    config: TransportConfig, run_id: str = "", security: Security | None = None
+    config: TransportConfig, run_id: str = "", security: Security | None = None, lane: str = ""
 ) -> LearnerEndpoint:
     """Listen at ``config.endpoint``; raises UserError when the port is taken or the address bad.
 
-    Without ``security`` plain TCP, and loopback only.
+    Without ``security`` plain TCP, and loopback only. ``lane``: see ``Welcome``.
     """
     from lndrl.transport.zenoh.learner import ZenohLearner
 
-    return ZenohLearner(config, run_id, security)
+    return ZenohLearner(config, run_id, security, lane)
+
+
+def open_rank(
+    config: TransportConfig, lane: str, incarnation: str, security: Security | None = None
+) -> RankEndpoint:
+    """Another rank of the learner at ``config.endpoint``; raises UserError when not let in."""
+    from lndrl.transport.zenoh.rank import ZenohRank
+
+    return ZenohRank(config, lane, incarnation, security)
 
 
 def open_actor(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lndrl.transport.interface import LearnerHandlers, ValidationHandlers
+from lndrl.transport.keys import ACTORS
 from lndrl.transport.messages import (
     NO_WEIGHTS,
     PROTOCOL_VERSION,
@@ -40,8 +41,9 @@ logger = logging.getLogger(__name__)
 class LearnerDesk:
     """Decodes questions, asks the handlers, stamps and encodes answers; keeps weights, status."""
 
-    def __init__(self, limits: Limits, run_id: str = "") -> None:
-        self.incarnation = secrets.token_hex(8)
+    def __init__(self, limits: Limits, run_id: str = "", incarnation: str = "") -> None:
+        """``incarnation``: that of the learner whose rank this is; by default a new one."""
+        self.incarnation = incarnation or secrets.token_hex(8)
         self.limits = limits
         self.run_id = run_id
         self.handlers: LearnerHandlers | None = None
@@ -136,6 +138,12 @@ class LearnerDesk:
         assert isinstance(question, ValidationResult)
         return encode(self._stamped(self.validation.on_validation(question)))
 
+    def heard_of(self, key: str, alive: bool) -> None:
+        """Tell the handlers of an actor whose token appeared or vanished."""
+        parts = key.removeprefix(f"{ACTORS}/").split("/")
+        if len(parts) == 2 and self.handlers is not None:
+            self.handlers.on_member(parts[0], parts[1], alive)
+
     def put_weights(
         self, version: int, blob: bytes, tested: bytes | None = None
     ) -> WeightsAnnouncement:
@@ -160,6 +168,11 @@ class LearnerDesk:
                 del self._weights[old]
                 self._tested.pop(old, None)
             return self._newest
+
+    def note_version(self, version: int) -> None:
+        """Say in acknowledgements that there are weights of this version, kept elsewhere."""
+        with self._lock:
+            self._newest = dataclasses.replace(self._newest, version=version)
 
     def weights(self, version: int | None) -> tuple[WeightsAnnouncement, bytes] | None:
         """The weights of a version (None: the newest), or None if they are not here."""

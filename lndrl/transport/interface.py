@@ -102,6 +102,28 @@ class LearnerEndpoint(Protocol):
         ...
 
 
+class RankEndpoint(Protocol):
+    """The side of a learner's rank other than 0: it takes in the uploads of its lane."""
+
+    largest_message: int
+
+    def start(self, handlers: LearnerHandlers) -> None:
+        """Begin to answer."""
+        ...
+
+    def note_version(self, version: int) -> None:
+        """The newest weights, which rank 0 has."""
+        ...
+
+    def finish(self) -> None:
+        """From now on acks say ``done``."""
+        ...
+
+    def close(self) -> None:
+        """Stop answering; returns within seconds, can be called twice."""
+        ...
+
+
 class ActorEndpoint(Protocol):
     """An actor's side. ``hello`` comes first; all methods are for one thread."""
 

@@ -15,6 +15,11 @@ VALIDATION = f"{PREFIX}/validation"
 PING = f"{PREFIX}/ping"
 
 
+def upload_key(lane: str) -> str:
+    """What all uploads of a ``lane`` begin with; the empty one is all there is without ranks."""
+    return f"{UPLOAD}/{lane}" if lane else UPLOAD
+
+
 def in_namespace(key: str, namespace: str) -> str:
     """``key`` as others on the router see it."""
     return f"{namespace}/{key}" if namespace else key

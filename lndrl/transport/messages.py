@@ -11,6 +11,7 @@ import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, ClassVar, Self, TypeVar
 
 from numpy.typing import NDArray
@@ -93,22 +94,33 @@ class Message:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as a plain dict (shallow)."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return {name: getattr(self, name) for name in _fields(type(self))[0]}
 
     @classmethod
     def from_dict(cls, data: Any) -> Self:
         """A message from plain data; raises MessageError for missing, unknown or wrong fields."""
         if not isinstance(data, dict):
             raise MessageError(f"{cls.KIND} must be a map")
-        known = {f.name: f for f in dataclasses.fields(cls)}
+        known, required = _fields(cls)
         for key in data:
             if key not in known:
                 raise MessageError(f"{cls.KIND} has an unknown field {key!r}")
-        for name, entry in known.items():
-            required = entry.default is dataclasses.MISSING
-            if required and entry.default_factory is dataclasses.MISSING and name not in data:
+        for name in required:
+            if name not in data:
                 raise MessageError(f"{cls.KIND} lacks the field {name}")
         return cls(**data)
+
+
+@lru_cache
+def _fields(kind: type[Message]) -> tuple[dict[str, None], tuple[str, ...]]:
+    """Names of a message's fields, and of those that have no default."""
+    fields = dataclasses.fields(kind)
+    required = [
+        f.name
+        for f in fields
+        if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+    ]
+    return dict.fromkeys(f.name for f in fields), tuple(required)
 
 
 @dataclass(frozen=True)
@@ -146,8 +158,9 @@ class Hello(Message):
 class Welcome(Message):
     """The learner's answer: the run and its configuration.
 
-    ``weights_version`` (NO_WEIGHTS before the first) and ``learner_incarnation`` are filled in by
-    the transport.
+    ``lane``: where this actor's uploads go, in a learner of several ranks; empty for the one there
+    is. ``weights_version`` (NO_WEIGHTS before the first) and ``learner_incarnation`` are filled in
+    by the transport.
     """
 
     KIND: ClassVar[str] = "welcome"
@@ -156,9 +169,12 @@ class Welcome(Message):
     actor_index: int
     weights_version: int = NO_WEIGHTS
     learner_incarnation: str = ""
+    lane: str = ""
 
     def __post_init__(self) -> None:
         _text("run_id", self.run_id, empty=False)
+        if self.lane != "":
+            _identifier("lane", self.lane)
         if not isinstance(self.config, dict):
             raise MessageError("config must be a map")
         _integer("actor_index", self.actor_index)

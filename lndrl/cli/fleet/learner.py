@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from lndrl.cli.options import (
@@ -18,6 +20,7 @@ from lndrl.cli.options import (
     run_overrides,
     trust,
 )
+from lndrl.cli.ranks import Ranks, asked_for, follow, joined, lead, leading, shared_options
 from lndrl.cli.runs import choose_run, concluded, going_on
 from lndrl.cli.security import (
     Certificates,
@@ -32,6 +35,10 @@ from lndrl.cli.security import (
     transport_overrides,
 )
 from lndrl.cli.signals import stop_on_signals
+
+if TYPE_CHECKING:
+    from lndrl.config import RunConfig
+    from lndrl.transport import Security
 
 
 def learner(
@@ -52,18 +59,36 @@ def learner(
     zenoh: ZenohFile = None,
     insecure: Insecure = False,
     trust_modules: TrustModules = None,
+    ranks: Ranks = 1,
 ) -> None:
     """Run only the learner; actors connect to it from anywhere."""
     check_checkpoint(checkpoint, resume)
     trust(trust_modules)
     overrides = run_overrides(settings, steps, device, listen)
     overrides += transport_overrides(listen, router, namespace)
+
+    def protection(chosen: RunConfig) -> Security:
+        joins = chosen.transport.router
+        return of_learner(joins, certs, users, zenoh, insecure, user, password_file)
+
+    team = joined()
+    if team is not None and team.rank:
+        follow(team, asked_for(config, run, resume, checkpoint, overrides), protection)
+        return
     chosen, folder = choose_run(config, run, resume, overrides)
-    joins = chosen.transport.router
-    security = of_learner(joins, certs, users, zenoh, insecure, user, password_file)
+    security = protection(chosen)
+    options = shared_options(certs, users, zenoh, insecure, user, password_file, trust_modules)
 
     from learner.service import run_learner
 
-    with stop_on_signals("the learner writes a checkpoint") as stop, going_on(folder):
-        summary = run_learner(chosen, folder, resume, None, stop, checkpoint, security=security)
+    with (
+        stop_on_signals("the learner writes a checkpoint") as stop,
+        going_on(folder),
+        leading(team, ranks, options) as team,
+    ):
+        if team is not None:
+            lead(team, chosen, folder, asked_for(config, run, resume, checkpoint, overrides))
+        summary = run_learner(
+            *(chosen, folder, resume, None, stop, checkpoint), security=security, team=team
+        )
     raise typer.Exit(concluded(summary, folder, stop))

@@ -151,7 +151,7 @@ def _show(result: Replay, title: str, out: Path | None, csv: Path | None, json: 
 
     if csv is not None:
         try:
-            with csv.open("w", newline="") as file:
+            with csv.open("w", newline="", encoding="utf-8") as file:
                 rows = [each.to_dict() for each in result.moments]
                 writer = csv_format.DictWriter(file, list(rows[0]) if rows else ["time"])
                 writer.writeheader()

@@ -13,12 +13,14 @@ from lndrl import kernels
 from lndrl.cli.signals import say
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
+from lndrl.transport import reachable
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from actors.balance import Balance
     from actors.fleet import Fleet
     from learner.learner import Learner
+    from learner.ppo.team import Team
     from learner.run.record import RunSummary
     from lndrl.cli.signals import Stop
     from lndrl.transport import Security
@@ -76,11 +78,13 @@ def train_locally(
     dashboard: bool,
     stop: Stop,
     security: Security | None = None,
+    team: Team | None = None,
 ) -> RunSummary:
     """Train with the learner in this process and actors in others; returns the summary.
 
     Draws the dashboard when asked to, else prints a line per update. ``security`` is the
-    learner's; the actors get theirs from it. Raises UserError when learner or actors cannot go on.
+    learner's; the actors get theirs from it. ``team``: this process is its rank 0. Raises
+    UserError when learner or actors cannot go on.
     """
     from learner.service import run_learner
 
@@ -101,6 +105,7 @@ def train_locally(
                 quiet=dashboard,
                 on_ready=ready.append,
                 security=security,
+                team=team,
             )
             outcome.append(summary)
         except BaseException as error:
@@ -145,7 +150,8 @@ def _supervise(
         f"{counted(cores, 'core')}",
     )
     # Threads start with the first update, which needs actors; half for each network.
-    learner.ppo.threads = max(1, choice.learner_threads // 2)
+    share = learner.crew.team.neighbours if learner.crew is not None else 1
+    learner.ppo.work.threads = max(1, choice.learner_threads // (2 * share))
     fleet = Fleet(
         reachable(config.transport.endpoint),
         choice.actors,
@@ -228,19 +234,10 @@ class _Evaluator:
             self._learner.events.add("fleet", text)
 
 
-def reachable(endpoint: str) -> str:
-    """Where this machine reaches a learner that listens at ``endpoint``.
-
-    No certificate is for 0.0.0.0 or [::], and zenoh reaches no IPv6 address over TLS.
-    """
-    any_ipv6 = "/localhost:" if endpoint.startswith("tls/") else "/[::1]:"
-    return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", any_ipv6)
-
-
 def _keep_balance(balance: Balance, fleet: Fleet, learner: Learner) -> None:
     """One actor more or less where the shares of waiting say so; each change is an event."""
     waits = learner.split.shares(balance.WINDOW)["wait"]
-    idle = learner.roster.shares(balance.WINDOW).get("wait", 0.0)
+    idle = learner.whole.actor_shares(balance.WINDOW).get("wait", 0.0)
     settled = bool(learner.figures) and fleet.settled()
     advice = balance.advise(time.monotonic(), len(fleet), waits, idle, settled)
     if not advice:

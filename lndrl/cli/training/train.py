@@ -22,6 +22,7 @@ from lndrl.cli.options import (
     run_overrides,
     trust,
 )
+from lndrl.cli.ranks import Ranks, asked_for, lead, leading, shared_options
 from lndrl.cli.runs import choose_run, concluded, going_on
 from lndrl.cli.security import (
     Certificates,
@@ -68,6 +69,7 @@ def train(
     zenoh: ZenohFile = None,
     insecure: Insecure = False,
     trust_modules: TrustModules = None,
+    ranks: Ranks = 1,
 ) -> None:
     """Train a policy on this machine: one learner and its actors."""
     network = {
@@ -77,10 +79,11 @@ def train(
         "--users": users,
         "--zenoh": zenoh,
         "--insecure": insecure,
+        "--ranks": ranks > 1,
     }
     if serial and any(network.values()):
         option = next(name for name, value in network.items() if value)
-        raise UserError(f"{option} does not go with --serial, which nothing can attach to")
+        raise UserError(f"{option} does not go with --serial, which is one process")
     check_checkpoint(checkpoint, resume)
     trust(trust_modules)
     overrides = run_overrides(settings, steps, device, listen)
@@ -96,7 +99,12 @@ def train(
         else:
             drawn = sys.stdout.isatty() if dashboard is None else dashboard
             security = of_learner(chosen.transport.router, certs, users, zenoh, insecure)
-            summary = local.train_locally(
-                chosen, folder, resume, checkpoint, drawn, stop, security=security
-            )
+            options = shared_options(certs, users, zenoh, insecure, trust_modules=trust_modules)
+            with leading(None, ranks, options) as team:
+                if team is not None:
+                    asked = asked_for(config, run, resume, checkpoint, overrides)
+                    lead(team, chosen, folder, asked)
+                summary = local.train_locally(
+                    *(chosen, folder, resume, checkpoint, drawn, stop), security=security, team=team
+                )
     raise typer.Exit(concluded(summary, folder, stop))

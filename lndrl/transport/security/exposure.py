@@ -145,3 +145,14 @@ def _is_address(host: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def reachable(endpoint: str, host: str = "") -> str:
+    """Where ``host``, by default this machine, reaches a learner that listens at ``endpoint``.
+
+    No certificate is for 0.0.0.0 or [::], and zenoh reaches no IPv6 address over TLS.
+    """
+    any_ipv6 = "/localhost:" if endpoint.startswith("tls/") else "/[::1]:"
+    here = endpoint if host else endpoint.replace("/[::]:", any_ipv6)
+    place = f"/{host or '127.0.0.1'}:"
+    return here.replace("/0.0.0.0:", place).replace("/[::]:", place)

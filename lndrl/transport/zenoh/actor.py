@@ -20,7 +20,7 @@ from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.bookkeeper import Bookkeeper
 from lndrl.transport.interface import LearnerUnreachableError, WeightsGoneError
-from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, UPLOAD, WEIGHTS
+from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, WEIGHTS, upload_key
 from lndrl.transport.ledger import Entry
 from lndrl.transport.messages import (
     Ack,
@@ -73,6 +73,7 @@ class ZenohActor(Bookkeeper):
         self._session: ZenohSession | None = None
         self._entities: list[Any] = []
         self._hello: Hello | None = None
+        self._lane = ""
         self._turn = threading.Lock()
         self._opening = threading.RLock()
         self._failures = 0
@@ -95,7 +96,7 @@ class ZenohActor(Bookkeeper):
             raise UserError(f"the learner at {self._destination} refused: {answer.reason}")
         assert isinstance(answer, Welcome)
         with self._opening:
-            self._hello = hello
+            self._hello, self._lane = hello, answer.lane
             if self._session is not None:
                 self._join(self._session)
         self.ledger.welcomed(answer)
@@ -146,7 +147,8 @@ class ZenohActor(Bookkeeper):
         failures = 0
         while not self.ledger.closed() and (left := deadline - time.monotonic()) > 0:
             session = self._session
-            sample = self._ask(WEIGHTS, payload, left)
+            # Acknowledgements and news go before megabytes on the same link.
+            sample = self._ask(WEIGHTS, payload, left, zenoh.Priority.DATA_LOW)
             if sample is None or sample.attachment is None:
                 failures += 1
                 self._check_size()
@@ -218,12 +220,18 @@ class ZenohActor(Bookkeeper):
     def _connect(self, timeout: float) -> ZenohSession:
         return open_connecting(self._endpoint, self._config, timeout, self._security)
 
-    def _ask(self, key: str, payload: bytes, timeout: float) -> zenoh.Sample | None:
+    def _ask(
+        self,
+        key: str,
+        payload: bytes,
+        timeout: float,
+        priority: zenoh.Priority = zenoh.Priority.INTERACTIVE_HIGH,
+    ) -> zenoh.Sample | None:
         session = self._session
         if session is None or session.closing:
             return None
         try:
-            return session.query(key, payload, timeout)
+            return session.query(key, payload, timeout, priority)
         except zenoh.ZError:
             return None
 
@@ -272,8 +280,10 @@ class ZenohActor(Bookkeeper):
                 self._reopen(session, entry)
 
     def _send(self, session: ZenohSession, entry: Entry) -> Any:
-        key = f"{UPLOAD}/{entry.actor_id}/{entry.incarnation}/{entry.sequence}"
-        return session.ask(key, entry.payload, self._config.upload_timeout)
+        place = f"{entry.actor_id}/{entry.incarnation}/{entry.sequence}"
+        return session.ask(
+            f"{upload_key(self._lane)}/{place}", entry.payload, self._config.upload_timeout
+        )
 
     def _receive(self, channel: Any) -> Ack | None:
         if channel is None:

@@ -5,9 +5,7 @@ Every kind of question has its own thread, so a stalled upload never delays the 
 
 from __future__ import annotations
 
-import logging
 import threading
-import time
 from typing import Any
 
 import zenoh
@@ -23,13 +21,12 @@ from lndrl.transport.keys import (
     PING,
     STATUS,
     TESTED,
-    UPLOAD,
     VALIDATION,
     WEIGHTS,
 )
-from lndrl.transport.messages import NO_WEIGHTS, Ack, Limits, encode
+from lndrl.transport.messages import NO_WEIGHTS, Limits, encode
 from lndrl.transport.security.identity import Security
-from lndrl.transport.uploads import UploadQueue
+from lndrl.transport.zenoh.intake import CAPACITY, UploadIntake, bytes_of
 from lndrl.transport.zenoh.session import (
     ExitGuard,
     UnreachableError,
@@ -38,26 +35,31 @@ from lndrl.transport.zenoh.session import (
     open_listening,
 )
 
-CAPACITY = 4096
 ANNOUNCE_SECONDS = 1.0
 JOIN_SECONDS = 10.0
-logger = logging.getLogger(__name__)
+WEIGHTS_THREADS = 8
+"""Links that may be slow to take weights before one more has to wait for them."""
 
 
 class ZenohLearner:
     """See ``LearnerEndpoint``. Opening it occupies the port; raises UserError when it cannot.
 
     With ``config.router`` it occupies no port but joins the router at ``config.endpoint``, where
-    it must be the only learner of its namespace.
+    it must be the only learner of its namespace. ``lane``: of the uploads that it takes in itself,
+    where other ranks take in the rest.
     """
 
     def __init__(
-        self, config: TransportConfig, run_id: str = "", security: Security | None = None
+        self,
+        config: TransportConfig,
+        run_id: str = "",
+        security: Security | None = None,
+        lane: str = "",
     ) -> None:
         self.endpoint = config.endpoint
         self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20), run_id)
         self.incarnation = self._desk.incarnation
-        self._uploads = UploadQueue[zenoh.Query]()
+        self._uploads = UploadIntake(self._desk, lane)
         self._news = threading.Event()
         self._entities: list[Any] = []
         self._payload: tuple[str, zenoh.ZBytes] | None = None
@@ -85,8 +87,6 @@ class ZenohLearner:
         for name, key, take in (
             ("status", STATUS, self._on_status),
             ("announce", ANNOUNCE, self._on_announce),
-            ("weights", WEIGHTS, self._on_weights),
-            ("intake", f"{UPLOAD}/**", self._uploads.put),
             ("ping", PING, self._on_ping),
             ("validation", VALIDATION, self._on_validation),
             ("hello", HELLO, self._on_hello),
@@ -94,7 +94,12 @@ class ZenohLearner:
             queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
             self._entities.append(queryable)
             session.pump(name, queryable.handler, take)
-        session.run("uploads", self._take_uploads)
+        self._entities.append(self._uploads.start(session))
+        weights = session.zenoh.declare_queryable(WEIGHTS, zenoh.handlers.FifoChannel(CAPACITY))
+        self._entities.append(weights)
+        # A reply waits until its link has taken megabytes in: others must not wait with it.
+        for _ in range(WEIGHTS_THREADS):
+            session.pump("weights", weights.handler, self._on_weights)
         session.run("announcer", self._announce)
 
     def publish_weights(self, version: int, blob: bytes, tested: bytes | None = None) -> None:
@@ -121,7 +126,7 @@ class ZenohLearner:
 
     def _on_hello(self, query: zenoh.Query) -> None:
         with query:
-            query.reply(HELLO, self._desk.answer_hello(_bytes(query)))
+            query.reply(HELLO, self._desk.answer_hello(bytes_of(query)))
 
     def _on_ping(self, query: zenoh.Query) -> None:
         with query:
@@ -130,35 +135,13 @@ class ZenohLearner:
     def _on_validation(self, query: zenoh.Query) -> None:
         with query:
             if str(query.key_expr) == VALIDATION:
-                query.reply(VALIDATION, self._desk.answer_validation(_bytes(query)))
-
-    def _take_uploads(self) -> None:
-        while (query := self._uploads.get()) is not None:
-            with query:
-                try:
-                    query.reply(query.key_expr, encode(self._answer_upload(query)))
-                except zenoh.ZError:
-                    # The actor left or the session closes; an actor that lives sends again.
-                    continue
-                except Exception:
-                    # This thread is the only one that takes uploads in.
-                    logger.exception("an upload could not be answered")
-
-    def _answer_upload(self, query: zenoh.Query) -> Ack:
-        status, began = "refused", time.thread_time()
-        try:
-            ack = self._desk.answer_chunk(_bytes(query))
-            status = ack.status
-            return ack
-        finally:
-            # Before the reply, which fails when the sender has left: that must not be cheaper.
-            self._uploads.settle(query, status, time.thread_time() - began)
+                query.reply(VALIDATION, self._desk.answer_validation(bytes_of(query)))
 
     def _on_weights(self, query: zenoh.Query) -> None:
         with query:
             if str(query.key_expr) != WEIGHTS:
                 return  # whoever asks everything there is does not want megabytes
-            wanted = _bytes(query)[:20].decode("ascii", "replace")
+            wanted = bytes_of(query)[:20].decode("ascii", "replace")
             tests = wanted.startswith(TESTED)
             wanted = wanted.removeprefix(TESTED)
             # What is no number asks for no version: its answer would be megabytes for nothing.
@@ -170,9 +153,10 @@ class ZenohLearner:
                 query.reply(WEIGHTS, b"", attachment=newest)
                 return
             announcement, blob = found
-            if self._payload is None or self._payload[0] != announcement.digest:
-                self._payload = (announcement.digest, zenoh.ZBytes(blob))
-            query.reply(WEIGHTS, self._payload[1], attachment=encode(announcement))
+            kept = self._payload
+            if kept is None or kept[0] != announcement.digest:
+                kept = self._payload = (announcement.digest, zenoh.ZBytes(blob))
+            query.reply(WEIGHTS, kept[1], attachment=encode(announcement))
 
     def _on_announce(self, query: zenoh.Query) -> None:
         with query:
@@ -185,10 +169,7 @@ class ZenohLearner:
                 query.reply(STATUS, status)
 
     def _on_member(self, sample: zenoh.Sample) -> None:
-        parts = str(sample.key_expr).removeprefix(f"{ACTORS}/").split("/")
-        if len(parts) == 2 and self._desk.handlers is not None:
-            alive = sample.kind == zenoh.SampleKind.PUT
-            self._desk.handlers.on_member(parts[0], parts[1], alive)
+        self._desk.heard_of(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
     def _announce(self) -> None:
         # Repeated, because a lost announcement would leave a waiting actor idle for good.
@@ -231,7 +212,3 @@ def _join(config: TransportConfig, security: Security) -> ZenohSession:
             f"another learner {place} is at the router {endpoint}; give each its own --namespace"
         )
     return session
-
-
-def _bytes(query: zenoh.Query) -> bytes:
-    return query.payload.to_bytes() if query.payload is not None else b""
