@@ -1,4 +1,4 @@
-"""``lndrl bench robot``: how soon a robot is told what to do, and whether rehearsals are honest."""
+"""Drives through a stand-in in another process, timed, and held against ``lndrl evaluate``."""
 
 from __future__ import annotations
 
