@@ -55,7 +55,7 @@ def _state(view: DriveView, width: int) -> list[Text]:
         return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s{held}", GOOD), Text("")]
     first = view.stops[0]
     style = QUIET if first.reason.is_rest else BAD
-    said = wrap(f"standing  {first}", width, 2)
+    said = wrap(f"standing {first}", width, 2)
     others = ", ".join(stop.reason.label for stop in view.stops[1:])
     found = [styled(line, style) for line in said]
     if len(found) == 1:

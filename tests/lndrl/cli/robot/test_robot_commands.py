@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -97,7 +96,6 @@ def test_a_rehearsal_from_the_command_line(tmp_path: Path) -> None:
     result = json.loads(out)
     assert result["arrivals"] == 2 and result["recorded_messages"] > 300
     assert result["latency_milliseconds"]["median"] > 0.0
-    assert re.search(r"arrived: the robot is at its goal", err)
     again = start("replay", "drive.mcap", "--policy", "straight", "--out", "belief.png", "--csv",
                   "belief.csv", "--json", cwd=tmp_path)  # fmt: skip
     out, err = again.communicate(timeout=240)

@@ -81,9 +81,7 @@ def test_a_second_library_reads_what_was_recorded(bag: Path) -> None:
         channels = {each.topic: each for each in summary.channels.values()}
         assert {"/scan", "/cmd_vel", "/lndrl/pose", "/lndrl/status"} <= set(channels)
         assert "transient_local" in channels["/map"].metadata["offered_qos_profiles"]
-        scans = [each.ros_msg for *_, each in (
-            (0, message) for message in reader.iter_decoded_messages(["/scan"])
-        )]  # fmt: skip
+        scans = [each.decoded_message for each in reader.iter_decoded_messages(["/scan"])]
     assert len(scans) == 50 and scans[0].header.frame_id == "base_scan"
     assert len(scans[0].ranges) == 720
 
@@ -144,7 +142,7 @@ def test_bags_that_are_none(bag: Path, tmp_path: Path) -> None:
         played(cut)
     with pytest.raises(UserError, match=r"has no /lidar; say --topic scan=/NAME. It has /cmd_vel"):
         Bag(bag, TOPICS.renamed({"scan": "/lidar"}))
-    with pytest.raises(UserError, match="/odom has the type nav_msgs/msg/Odometry, not sensor"):
+    with pytest.raises(UserError, match="/scan has the type sensor_msgs/msg/LaserScan, not nav"):
         Bag(bag, TOPICS.renamed({"scan": "/odom", "odometry": "/scan"}))
     with pytest.raises(UserError, match="--reference /map must be a topic of"):
         Bag(bag, TOPICS, "/map")

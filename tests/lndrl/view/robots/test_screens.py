@@ -55,7 +55,7 @@ def test_it_shows_where_and_what_it_thinks_of(rig: Rig) -> None:
 def test_it_shows_what_stops_it() -> None:
     rig = Rig().begin().tick(6).quiet(0.6)
     text = "\n".join(printed(rig, 110, 30, colours=False))
-    assert "standing  scan_stale: the last scan is" in text and "also odometry_stale" in text
+    assert "standing scan_stale: the last scan is" in text and "also odometry_stale" in text
     assert "scan_stale: the last scan is" in drive_line(rig.driver.view(rig.now))
 
 
