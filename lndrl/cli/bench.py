@@ -18,7 +18,7 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, ranks, weights, "
-            "transport, train, memory, tls, or all; gpu: all that wants one, in a few minutes; "
+            "transport, train, memory, tls, robot, or all; gpu: all that wants one, in minutes; "
             "fleet: how many actors a learner carries"
         ),
     ],
@@ -58,6 +58,10 @@ def bench(
             metavar="KEY=VALUE",
             help="world, policy, learner, ranks, train, memory, fleet: also so",
         ),
+    ] = None,
+    episodes: Annotated[
+        int | None,
+        typer.Option(min=1, help="robot: also so many, rehearsed beside lndrl evaluate"),
     ] = None,
     rehearse: Annotated[
         bool, typer.Option("--rehearse", help="gpu: the same script on the CPU, in small")
@@ -125,6 +129,8 @@ def bench(
     seconds = 5.0 if seconds is None else seconds
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
+    if episodes is not None and name != "robot":
+        raise UserError(f"--episodes goes with robot, not with {name}")
     if profile and name != "train":
         raise UserError(f"--profile goes with train, not with {name}")
     if settings and name not in report.ADJUSTED:
@@ -145,7 +151,9 @@ def bench(
     from lndrl.bench.scene import with_settings
 
     with telling(words), with_settings(settings or []):
-        _measure(names, figures, name == "all", peers, profile, seconds, device, json_output)
+        _measure(
+            names, figures, name == "all", peers, profile, seconds, device, json_output, episodes
+        )
     facts = report.machine()
     if not json_output:
         typer.echo(report.machine_line(facts))
@@ -263,6 +271,7 @@ def _measure(
     seconds: float,
     device: str | None,
     quiet: bool,
+    episodes: int | None = None,
 ) -> None:
     """Measure ``names`` into ``figures`` and show each as soon as it is there, unless ``quiet``."""
     from lndrl.bench import report, train
@@ -273,7 +282,8 @@ def _measure(
         if profile:
             figures[each] = train.measure_profile(seconds, device or "cpu")
         else:
-            figures[each] = report.measure(each, seconds, on_device)
+            given = () if episodes is None else (episodes,)
+            figures[each] = report.measure(each, seconds, on_device, *given)
         if peers and (not everything or each in report.COMPARED):
             figures[each]["peers"] = report.measure_peers(each, seconds)
         if not quiet:

@@ -32,6 +32,7 @@ from lndrl.robot.messages import (
 Floats = NDArray[np.float64]
 Send = Callable[[str, Content], None]
 Guard = Callable[[float, float, "Driver"], tuple[float, float]]
+"""What may leave of v and w, the limits kept; called with every command but a stop."""
 
 _AGAIN = 0.1
 """s after which a command is sent again: bases stop by themselves when none comes."""
@@ -71,6 +72,7 @@ class DriveView:
     probabilities: NDArray[np.floating] | None
     actions: Floats
     stops: tuple[Stop, ...]
+    guarded: bool
     robot_radius: float
     arrive_distance: float
     tally: Tally
@@ -97,11 +99,12 @@ class Driver:
         self.outside: dict[Reason, str] = {}
         """Reasons that whoever owns the driver knows of: the link, topics, an interruption."""
         self.arrived = False
-        self._send, self._limits, self._guard = send, limits or Limits(), guard
+        self.send, self._limits, self._guard = send, limits or Limits(), guard
         self._goal: Floats | None = None
         self._goal_fault: tuple[Reason, str] | None = None
         self._failed: str | None = None
-        self._guarded: str | None = None
+        self.guarded = False
+        """Whether the guard has let less through than was asked for, in the last command."""
         self._wanted = 0.0, 0.0
         self._due = 0
         self._sent_at = self._stopped_at = self._said_at = self._shown_at = -np.inf
@@ -115,10 +118,19 @@ class Driver:
         """Why it stands, the first to mend at the front; empty while it drives."""
         return self._stops
 
-    def take(self, purpose: str, content: Content, now: float, clock: int | None) -> bool:
-        """Take in a message that came at ``now``; see ``Senses.take``. True where it decided."""
+    def take(
+        self,
+        purpose: str,
+        content: Content,
+        now: float,
+        clock: int | None,
+        came: float | None = None,
+    ) -> bool:
+        """Take in a message that ``came`` (``now``, unless it had to wait), when ``clock`` showed
+        that; see ``Senses.take``. True where it led to a decision.
+        """
         goal_before = self.senses.goal
-        moved = self.senses.take(purpose, content, now, clock)
+        moved = self.senses.take(purpose, content, now if came is None else came, clock)
         if self.senses.goal is not goal_before:
             self._goal, self._goal_fault, self.arrived = None, None, False
         if purpose == "initial_pose":  # a robot that was carried begins anew
@@ -166,6 +178,7 @@ class Driver:
             probabilities=None if decision is None else decision.probabilities,
             actions=self.pilot.actions,
             stops=self._stops,
+            guarded=self.guarded,
             robot_radius=config.world.robot_radius,
             arrive_distance=config.task.arrive_distance,
             tally=self.tally,
@@ -258,7 +271,7 @@ class Driver:
         before = self._stops
         self._stops = in_order(found)
         for stop in self._stops:
-            if not before and not stop.reason.is_rest:
+            if not before and self.tally.decisions and not stop.reason.is_rest:
                 label = stop.reason.label
                 self.tally.stops[label] = self.tally.stops.get(label, 0) + 1
         if self._stops and not before:
@@ -277,14 +290,16 @@ class Driver:
         seconds = min(now - self._sent_at, 0.5) if np.isfinite(self._sent_at) else _AGAIN
         v, w = self._limits.within(wanted, self.command, seconds)
         if self._guard is not None:
+            asked = v, w
             v, w = self._guard(v, w, self)
+            self.guarded = (v, w) != asked
         self._emit(v, w, now)
 
     def _emit(self, v: float, w: float, now: float) -> None:
         self.command, self._sent_at = (v, w), now
         estimate = self.senses.estimate
         stamp = 0 if estimate is None else estimate.stamp
-        self._send("command", Velocity(v, w, stamp, self.senses.base))
+        self.send("command", Velocity(v, w, stamp, self.senses.base))
 
     def _drove(self) -> None:
         here = self.senses.wheels.newest
@@ -298,13 +313,13 @@ class Driver:
         if estimate is None or map_ is None:
             return
         frame = map_.frame
-        self._send(
+        self.send(
             "own_pose", StampedPose(estimate.stamp, frame, estimate.pose, estimate.covariance)
         )
         if now - self._shown_at >= _PARTICLES:
             self._shown_at = now
             stride = -(-len(estimate.particles) // _MOST_PARTICLES)
-            self._send("particles", Poses(estimate.stamp, frame, estimate.particles[::stride]))
+            self.send("particles", Poses(estimate.stamp, frame, estimate.particles[::stride]))
 
     def _status(self, now: float) -> None:
         """Say why it stands, when that changes and every second."""
@@ -312,7 +327,7 @@ class Driver:
         if labels == self._said and now - self._said_at < _STATUS:
             return
         self._said, self._said_at = labels, now
-        self._send("status", Words(json.dumps(self.status())))
+        self.send("status", Words(json.dumps(self.status())))
 
     def status(self) -> dict[str, object]:
         """What is published as text: state, the first reason, all of them, and in words."""
@@ -322,4 +337,5 @@ class Driver:
             "reason": first.reason.label if first else "",
             "words": str(first) if first else "",
             "all": [stop.reason.label for stop in self._stops],
+            "guarded": self.guarded,
         }

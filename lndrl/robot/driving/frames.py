@@ -36,8 +36,7 @@ class Frames:
         up, down = self._to_root(source), self._to_root(target)
         for frame, matrix in up.items():
             if frame in down:
-                found: Floats = np.linalg.solve(down[frame], matrix)
-                return found
+                return np.linalg.solve(down[frame], matrix).astype(np.float64)
         return None
 
     def _to_root(self, frame: str) -> dict[str, Floats]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, unique
 
 
+@unique
 class Reason(Enum):
     """A reason to stand; the value says what to do about it. Earlier ones are shown first."""
 
@@ -28,7 +29,7 @@ class Reason(Enum):
     NO_ODOMETRY = "start the base's driver; lndrl drive names the topic that it listens to"
     ODOMETRY_STALE = "check the base and the network; it goes on by itself"
     ODOMETRY_INVALID = "the base's driver must give finite poses"
-    ODOMETRY_JUMPED = "give the pose again: RViz's 2D Pose Estimate, or --pose"
+    ODOMETRY_JUMPED = "see to the wheels, then give the pose again, by RViz's 2D Pose Estimate"
     NO_MAP = "start a map server (nav2_map_server), or give --map FILE.yaml"
     MAP_INVALID = "publish a map with a size, a resolution and free cells"
     MAP_FRAME = "publish the map in the frame that poses are given in"
@@ -43,7 +44,6 @@ class Reason(Enum):
     GOAL_OFF_MAP = "give a goal on the map"
     GOAL_IN_WALL = "give a goal on free floor, farther from walls"
     GOAL_UNREACHABLE = "give a goal that the floor connects with the robot"
-    GUARD = "the guard lets nothing else through; it goes on when there is room"
     ARRIVED = "give another goal"
     NO_GOAL = "give one: RViz's 2D Goal Pose, or --goal X,Y"
 

@@ -126,7 +126,7 @@ def uncovered(scan: BaseScan, laser: LaserConfig) -> float:
     return float((away > max(scan.increment, step)).mean())
 
 
-def _nearest(bearings: NDArray[np.float32], wanted: Floats) -> NDArray[np.int64]:
+def _nearest(bearings: NDArray[np.float32], wanted: NDArray[np.floating]) -> NDArray[np.int64]:
     """Index of the nearest of the rising ``bearings`` for each of ``wanted``."""
     after = np.searchsorted(bearings, wanted).clip(1, max(len(bearings) - 1, 1))
     before = after - 1

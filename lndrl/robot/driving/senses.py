@@ -144,10 +144,7 @@ class Senses:
             people.stamp, people.frame, people.position + ahead * people.velocity, people.velocity
         )
         pose = self._base_in(people.frame)
-        if pose is None:
-            self._faults["people"] = Reason.PEOPLE_FRAME, f"people are in the frame {people.frame}"
-            return None
-        return in_base(walked, pose)
+        return None if pose is None else in_base(walked, pose)
 
     def goal_in_map(self) -> Floats | Fault | None:
         """Where the goal (2,) is in the map, or why that is not known."""
@@ -182,6 +179,8 @@ class Senses:
             found.setdefault(*self.localization.fault)
         elif self.estimate is None:
             found[Reason.NO_POSE] = "nobody has said where the robot is"
+        elif self._people is not None and self._base_in(self._people.frame) is None:
+            found[Reason.PEOPLE_FRAME] = f"people are in the frame {self._people.frame}"
         if self._enabling and now - self._enabled_at > _HELD:
             found[Reason.NOT_ENABLED] = "the switch is not held"
         return found
@@ -266,12 +265,14 @@ class Senses:
             if mounting is None:
                 frame = scan.frame or self.base
                 mounting = self.frames.find(self.base, frame)
-                if mounting is None and self.wheels.child:
-                    words = f"no transform leads from {self.base} to the scan's frame {frame}"
-                    self._faults["scan"] = Reason.NO_SCANNER_POSE, words
+                if not self.wheels.child:
+                    return  # nobody has said yet how the base's frame is called
                 if mounting is None:
-                    return
-            self._faults["scan"] = None
+                    words = f"no transform leads from {self.base} to the scan's frame {frame}"
+                    self._faults["mounting"] = Reason.NO_SCANNER_POSE, words
+                    self._waiting.popleft()
+                    continue
+            self._faults["mounting"] = None
             if self.wheels.at(scan.stamp) is None:
                 if (last := self.wheels.stamp) is None or scan.stamp > last:
                     return

@@ -108,8 +108,7 @@ class DriveService:
         purpose = self._purposes[arrival.topic]
         if self._recorder is not None:
             self._recorder.write(arrival.topic, arrival.data, arrival.received)
-        now = self._now()
-        said = self._link.dialect.hash_in(arrival.key)
+        now, said = self._now(), self._link.dialect.hash_in(arrival.key)
         if said and said != self._link.store.type_hash(arrival.topic.type):
             words = f"{arrival.topic.name} comes with the type hash {said[:20]}"
             distribution = self._link.store.distribution
@@ -126,8 +125,12 @@ class DriveService:
         if isinstance(content, Clock):
             self._tick(content.stamp)
             return
-        clock = self._clock if self.wanted.simulated else arrival.received
-        if self.driver.take(purpose, content, self._now(), clock) and purpose == "scan":
+        # A message that had to wait here is as old as if it had waited anywhere else.
+        clock: int | None = arrival.received
+        came = arrival.at
+        if self.wanted.simulated:
+            clock, came = self._clock, now
+        if self.driver.take(purpose, content, now, clock, came) and purpose == "scan":
             self.latencies.append(time.monotonic() - arrival.at)
 
     def _tick(self, stamp: int) -> None:

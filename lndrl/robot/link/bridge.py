@@ -18,7 +18,7 @@ class BridgeDialect:
     """Keys and tokens of the bridge (1.x; tokens of before 1.0 are read, too)."""
 
     name = "bridge"
-    tokens = (f"@/*/{_SPACE}/**", f"{_SPACE}/*/*/*/*/*")
+    tokens: tuple[str, ...] = (f"@/*/{_SPACE}/**", f"{_SPACE}/*/*/*/*/*")
 
     def publish_key(self, topic: Topic) -> str:
         """See ``Dialect``."""

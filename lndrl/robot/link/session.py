@@ -318,6 +318,11 @@ def _distribution(endpoints: list[Endpoint]) -> str | None:
 def _open(address: Address) -> zenoh.Session:
     # Sides and roles of trainings mean nothing to a robot; the operator's file does.
     security = Security("dashboard", overlay=address.overlay, insecure=address.insecure)
+    if address.overlay is None and not address.endpoint.startswith("tcp/"):
+        raise UserError(
+            f"endpoint {address.endpoint}: needs certificates; give zenoh's settings for them with "
+            "--zenoh FILE.json5"
+        )
     security.check(address.endpoint, address.listen)
     settings: dict[str, Any] = {
         "adminspace/enabled": False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,4 +248,5 @@ def shifted(content: Content, by: int) -> Content:
     if isinstance(content, Transforms):
         moved = tuple(replace(each, stamp=each.stamp + by) for each in content.transforms)
         return Transforms(moved)
-    return replace(content, stamp=content.stamp + by) if hasattr(content, "stamp") else content
+    stamped: Any = content
+    return replace(stamped, stamp=stamped.stamp + by) if hasattr(content, "stamp") else content

@@ -94,6 +94,7 @@ class StandIn:
         self._began = time.monotonic()
         self._command = Velocity(0.0, 0.0)
         self._commanded = -np.inf  # s of the rehearsal
+        self._moved = False  # whether anybody has told it to, in this episode
         self._estimate: StampedPose | None = None
         self._tells_poses = False  # whether who drives says where it believes to be
         self._answered = threading.Event()  # a command or a pose since the last scan
@@ -101,7 +102,7 @@ class StandIn:
         kind = names.TWIST_STAMPED if rehearsal.stamped else names.TWIST
         link.subscribe(self._topics.topic("command", kind))
         link.subscribe(self._topics.topic("own_pose"))
-        for purpose in ("map", "tf_static", "scan"):  # announced before anybody listens
+        for purpose in self._purposes():  # announced before anybody looks for them
             self._publisher(purpose)
 
     def run(
@@ -123,17 +124,29 @@ class StandIn:
                 told(record)
         return records
 
+    def _purposes(self) -> list[str]:
+        """What it publishes."""
+        rehearsal = self.rehearsal
+        found = ["map", "tf_static", "tf", "odometry", "scan", "initial_pose"]
+        found += ["clock"] if rehearsal.simulated else []
+        found += ["goal"] if rehearsal.goals else []
+        found += ["robot_pose"] if self.body.own_pose(0) is not None else []
+        people = {"spencer": "people", "poses": "people_poses", "none": ""}[rehearsal.people]
+        return [*found, people] if people else found
+
     def _episode(self, number: int, stop: threading.Event) -> DrivenEpisode | None:
         """One episode; None where it was stopped."""
         judge = Judge(self.body, number, self.rehearsal.goals)
         self._estimate, since, started = None, self._stamp(), False
         self._command, announced = Velocity(0.0, 0.0), -np.inf
+        self._moved = False
         touched = False
         while not stop.is_set():
-            if not started and time.monotonic() - announced > _ANNOUNCED_EVERY:
+            if not self._moved and time.monotonic() - announced > _ANNOUNCED_EVERY:
                 announced = time.monotonic()
-                self._send("initial_pose", self.body.initial_pose(self._stamp()))
-                if self.rehearsal.goals:
+                if not started:
+                    self._send("initial_pose", self.body.initial_pose(self._stamp()))
+                if self.rehearsal.goals:  # again until it is heard: who localizes may be deaf yet
                     self._send("goal", self.body.goal_pose(self._stamp()))
             judge.sensed(self._sense())
             self._wait(stop, started)
@@ -231,6 +244,7 @@ class StandIn:
             return
         if isinstance(content, Velocity) and np.isfinite([content.v, content.w]).all():
             self._command, self._commanded = content, self._time()
+            self._moved = self._moved or content.v != 0.0 or content.w != 0.0
             if not self._tells_poses:
                 self._answered.set()
         elif isinstance(content, StampedPose):

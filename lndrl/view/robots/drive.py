@@ -51,10 +51,11 @@ def _state(view: DriveView, width: int) -> list[Text]:
     """Driving, or every reason to stand, the first with what to do."""
     if not view.stops:
         v, w = view.command
-        return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s", GOOD), Text("")]
+        held = "   the guard holds it back" if view.guarded else ""
+        return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s{held}", GOOD), Text("")]
     first = view.stops[0]
     style = QUIET if first.reason.is_rest else BAD
-    said = wrap(f"standing  {first}", width, 2)
+    said = wrap(f"standing {first}", width, 2)
     others = ", ".join(stop.reason.label for stop in view.stops[1:])
     found = [styled(line, style) for line in said]
     if len(found) == 1:

@@ -124,7 +124,8 @@ def _draw_map(
     (left, bottom), (right, top) = shown
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.tick_params(colors=INK, labelsize=8.5)
-    axes.legend(fontsize=8.5, loc="upper right", framealpha=0.9)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(fontsize=8.5, loc="upper right", framealpha=0.9)
 
 
 def _draw_widths(axes: Axes, result: Replay) -> None:
