@@ -78,6 +78,7 @@ def test_ppo_is_kept_from_what_the_teacher_deems_dangerous_and_free_otherwise(tr
             ppo={"normalize_advantages": False}, imitation={"avoid": avoid, "danger": 20.0}
         )
         batch = batch_of(ppo, liked=5)
+        assert batch.teacher is not None
         batch.teacher[:] = 30.0
         batch.teacher[:, 5], batch.teacher[:, 6] = 0.0, 10.0
         for trajectory in batch.trajectories:

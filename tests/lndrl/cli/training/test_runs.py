@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,7 +53,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
 
 
-def listed(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, object]]:
+def listed(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, Any]]:
     assert lndrl(["runs", "--json"]) == 0
     return {run["name"]: run for run in json.loads(capsys.readouterr().out)}
 
@@ -145,9 +146,13 @@ def test_removing_asks_and_spares_what_trains_and_what_is_no_run(
     ):
         assert lndrl(["runs", "rm", *names, "--yes"]) == 2
         assert sentence in capsys.readouterr().err
-    answers = iter([False, True])
-    asked = []
-    monkeypatch.setattr("typer.confirm", lambda words: asked.append(words) or next(answers))
+    answers, asked = iter([False, True]), []
+
+    def confirm(words: str) -> bool:
+        asked.append(words)
+        return next(answers)
+
+    monkeypatch.setattr("typer.confirm", confirm)
     assert lndrl(["runs", "rm", "a", "b"]) == 1 and Path("runs/a").exists()
     assert "a (1,000 steps), b (1,000 steps)" in asked[0]
     assert lndrl(["runs", "rm", "a", "b"]) == 0
