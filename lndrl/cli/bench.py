@@ -102,6 +102,9 @@ def bench(
         str | None,
         typer.Option(metavar="NAME", help="fleet --link: bbr (unless given), cubic or reno"),
     ] = None,
+    site: Annotated[
+        bool, typer.Option("--site", help="fleet: actors come through the door of a site")
+    ] = False,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
@@ -117,10 +120,11 @@ def bench(
     if name == "fleet":
         given = {"--peers": peers, "--profile": profile, "--device": bool(device), "--vs": bool(vs)}
         _check_alone(given, "fleet, which takes --actors, --update, --every, --link and --set")
-        far = link, congestion or "bbr"
+        far = link, congestion or "bbr", site
         _measure_fleet(actors, update, every, seconds, far, settings or [], json_output)
         return
     own = {"--actors": actors, "--update": update, "--every": every, "--link": link}
+    own |= {"--congestion": congestion, "--site": site or None}
     if option := next((key for key, value in own.items() if value is not None), None):
         raise UserError(f"{option} goes with fleet, not with {name}")
     if rehearse or minutes is not None or out is not None:
@@ -179,7 +183,7 @@ def _measure_fleet(
     update: str | None,
     every: float | None,
     seconds: float | None,
-    far: tuple[str | None, str],
+    far: tuple[str | None, str, bool],
     settings: list[str],
     quiet: bool,
 ) -> None:

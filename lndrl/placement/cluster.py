@@ -18,12 +18,9 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 _AUTO_OR_COUNT = Count | Literal["auto"]
 
 
-class HostConfig(Model):
-    """A machine that is reached by ssh, as ``ssh`` itself would reach it."""
+class PlaceConfig(Model):
+    """How a machine is reached by ssh, as ``ssh`` itself would reach it, and what is there."""
 
-    host: Annotated[str, Field(min_length=1)] = Field(
-        description="its name or address, or an alias of ~/.ssh/config"
-    )
     user: str | None = Field(None, description="who logs in there; else as ssh finds")
     port: Port | None = Field(None, description="of its ssh; else as ssh finds")
     key: Path | None = Field(None, description="file of the private key; else as ssh finds")
@@ -32,6 +29,14 @@ class HostConfig(Model):
         ".venv/bin/lndrl", description="the command, from the folder on or as a whole path"
     )
     options: list[str] = Field([], description="more options for the command there")
+
+
+class HostConfig(PlaceConfig):
+    """One machine."""
+
+    host: Annotated[str, Field(min_length=1)] = Field(
+        description="its name or address, or an alias of ~/.ssh/config"
+    )
 
 
 class LearnerHost(HostConfig):
@@ -53,12 +58,12 @@ def _hosts(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
-class ActorHosts(HostConfig):
+class ActorHosts(PlaceConfig):
     """Alike machines with actors."""
 
-    host: Annotated[  # type: ignore[assignment]
-        list[str], Field(min_length=1), BeforeValidator(_hosts)
-    ] = Field(description="one or several")
+    host: Annotated[list[str], Field(min_length=1), BeforeValidator(_hosts)] = Field(
+        description="one or several, as above"
+    )
     count: _AUTO_OR_COUNT = Field("auto", description="processes on each; auto: one per core")
     site: Name | None = Field(None, description="the site that they belong to")
 
@@ -102,7 +107,8 @@ class ClusterConfig(Model):
         names = [site.name for site in self.sites]
         if len(set(names)) < len(names):
             raise ValueError("sites: two have the same name")
-        for part in (*self.actors, *self.slurm):
+        parts: list[ActorHosts | SlurmActors] = [*self.actors, *self.slurm]
+        for part in parts:
             if part.site is not None and part.site not in names:
                 known = ", ".join(names) or "none"
                 raise ValueError(f"actors name the site {part.site}, which is not there; {known}")
@@ -117,7 +123,7 @@ class Job:
 
     name: str
     role: str
-    place: HostConfig
+    place: PlaceConfig
     host: str
     words: tuple[str, ...]
 
@@ -170,19 +176,23 @@ class Cluster:
 
     def others(self) -> Iterator[Job]:
         """Doors first, then everybody who connects to them."""
+        to = self.endpoint()
         for door in self.config.sites:
-            words = ("site", "--connect", self.endpoint(), "--listen", f"tls/0.0.0.0:{door.listen}")
-            yield Job(f"site-{door.name}", "site", door, door.host, (*words, *door.options))
+            words = ["site", "--connect", to, "--listen", f"tls/0.0.0.0:{door.listen}"]
+            yield _job(f"site-{door.name}", "site", door, door.host, words)
         number = 0
         for part in self.config.actors:
+            words = ["actor", "--connect", self.endpoint(part.site), "--count", str(part.count)]
             for host in part.host:
-                to = self.endpoint(part.site)
-                words = ("actor", "--connect", to, "--count", str(part.count))
-                yield Job(f"actors-{number}", "actor", part, host, (*words, *part.options))
+                yield _job(f"actors-{number}", "actor", part, host, words)
                 number += 1
         if (place := self.config.evaluator) is not None:
-            words = ("evaluator", "--connect", self.endpoint())
-            yield Job("evaluator", "evaluator", place, place.host, (*words, *place.options))
+            words = ["evaluator", "--connect", to]
+            yield _job("evaluator", "evaluator", place, place.host, words)
+
+
+def _job(name: str, role: str, place: PlaceConfig, host: str, words: list[str]) -> Job:
+    return Job(name, role, place, host, (*words, *place.options))
 
 
 def load_cluster(path: Path) -> Cluster:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from lndrl.errors import UserError
 from lndrl.placement import slurm
-from lndrl.placement.cluster import Cluster, HostConfig, Job
+from lndrl.placement.cluster import Cluster, Job, PlaceConfig
 from lndrl.placement.remote import NOTES, Host
 from lndrl.transport.security.certificates import create, host_names, load_certificate
 from lndrl.wording import counted
@@ -60,7 +60,7 @@ class _Launch:
             await self._reach([self._cluster.learner("", False), *jobs])
             await self._together([host.check() for host in self._hosts.values()])
             place = self._cluster.config.learner
-            resume = await self._host("", place).exists(f"runs/{self._run}")
+            resume = await self._host(place.host, place).exists(f"runs/{self._run}")
             learner = self._cluster.learner(f"{NOTES}/{name}", resume)
             await self._hand_out([learner, *jobs])
             await self._host(learner.host, place).give({name: configuration})
@@ -207,8 +207,8 @@ class _Launch:
 
     # -- small steps -------------------------------------------------------------------------
 
-    def _host(self, name: str, place: HostConfig) -> Host:
-        return self._hosts[_key(name or str(place.host), place)]
+    def _host(self, name: str, place: PlaceConfig) -> Host:
+        return self._hosts[_key(name, place)]
 
     async def _together(self, work: Sequence[Coroutine[Any, Any, T]]) -> list[T]:
         """All at once; the first error when all have ended."""
@@ -255,7 +255,7 @@ def check_certificates(cluster: Cluster, say: Say) -> None:
             )
 
 
-def _key(name: str, place: HostConfig) -> tuple[str, str | None, int | None, str]:
+def _key(name: str, place: PlaceConfig) -> tuple[str, str | None, int | None, str]:
     return name, place.user, place.port, f"{place.folder} {place.program} {_path(place.key)}"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 import asyncssh
 
 from lndrl.errors import UserError
-from lndrl.placement.cluster import HostConfig, Job
+from lndrl.placement.cluster import Job, PlaceConfig
 from lndrl.version import VERSION
 
 CONNECT_WITHIN = 15.0
@@ -22,12 +22,12 @@ NOTES = ".lndrl"
 class Host:
     """A connection to ``host``; ``close`` ends it, not what runs there. See ``connected``."""
 
-    def __init__(self, name: str, place: HostConfig, link: asyncssh.SSHClientConnection) -> None:
+    def __init__(self, name: str, place: PlaceConfig, link: asyncssh.SSHClientConnection) -> None:
         self.name, self.place = name, place
         self._link = link
 
     @classmethod
-    async def connected(cls, name: str, place: HostConfig) -> Host:
+    async def connected(cls, name: str, place: PlaceConfig) -> Host:
         """Log in; raises UserError that names the host."""
         options: dict[str, object] = {"login_timeout": CONNECT_WITHIN, "keepalive_interval": 5}
         options |= {

@@ -11,7 +11,6 @@ import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, ClassVar, Self, TypeVar
 
 from numpy.typing import NDArray
@@ -111,16 +110,21 @@ class Message:
         return cls(**data)
 
 
-@lru_cache
-def _fields(kind: type[Message]) -> tuple[dict[str, None], tuple[str, ...]]:
-    """Names of a message's fields, and of those that have no default."""
-    fields = dataclasses.fields(kind)
-    required = [
-        f.name
-        for f in fields
-        if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-    ]
-    return dict.fromkeys(f.name for f in fields), tuple(required)
+_FIELDS: dict[str, tuple[dict[str, None], tuple[str, ...]]] = {}
+
+
+def _fields(message: type[Message]) -> tuple[dict[str, None], tuple[str, ...]]:
+    """Names of a message's fields, and of those that have no default; looked up once per kind."""
+    found = _FIELDS.get(message.KIND)
+    if found is None:
+        fields = dataclasses.fields(message)
+        required = [
+            f.name
+            for f in fields
+            if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        ]
+        found = _FIELDS[message.KIND] = dict.fromkeys(f.name for f in fields), tuple(required)
+    return found
 
 
 @dataclass(frozen=True)

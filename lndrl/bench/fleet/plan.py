@@ -31,7 +31,8 @@ class Plan:
     """``actors``: a row for each number. ``update`` drain: batches are counted as trained, and the
     networks stay as they are; real: the learner learns. ``every``: s between two chunks of an
     actor, None for as many as make RATE. ``seconds``: timed s of a row, at least. ``link``: between
-    learner and actors, in namespaces of their own; None for none.
+    learner and actors, in namespaces of their own; None for none. ``site``: actors come through a
+    site's door.
     """
 
     actors: tuple[int, ...]
@@ -39,6 +40,7 @@ class Plan:
     every: float | None = None
     seconds: float = 10.0
     link: LinkPlan | None = None
+    site: bool = False
 
     def period(self, samples: int) -> float:
         """s between two chunks of ``samples`` control steps that an actor offers."""
@@ -57,6 +59,7 @@ def plan_of(
     seconds: float = 10.0,
     link: str | None = None,
     congestion: str = "bbr",
+    site: bool = False,
 ) -> Plan:
     """A plan from what the command line says; raises UserError with one sentence."""
     numbers = []
@@ -72,7 +75,7 @@ def plan_of(
         raise UserError(f"--update {update}: must be {' or '.join(UPDATES)}")
     if every is not None and not every > 0:
         raise UserError(f"--every {every:g}: must be above 0")
-    return Plan(tuple(numbers), update, every, seconds, _link_of(link, congestion))
+    return Plan(tuple(numbers), update, every, seconds, _link_of(link, congestion), site)
 
 
 def _link_of(link: str | None, congestion: str) -> LinkPlan | None:

@@ -17,7 +17,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
-from lndrl.bench.fleet import play, serve
+from lndrl.bench.fleet import door, play, serve
 from lndrl.bench.fleet.plan import LinkPlan, Plan
 from lndrl.bench.fleet.scene import fleet_config
 from lndrl.bench.scene import settings as asked_for
@@ -73,9 +73,13 @@ def _row(plan: Plan, actors: int, folder: Path, show: Callable[[str], None]) -> 
         drain = plan.update == "drain"
         learner = stack.enter_context(_learner(config, folder / "run", drain, there))
         learner.wait_for("ready", _JOIN)
+        to = endpoint
+        if plan.site:
+            to = "tcp/127.0.0.1:7448" if plan.link else free_endpoint()
+            stack.enter_context(_site(config, to, here)).wait_for("ready", _JOIN)
         show(f"{actors} actors join")
         crowd = [
-            stack.enter_context(_part(config, chunk, folder, first, count, period, here))
+            stack.enter_context(_part(config, to, chunk, folder, first, count, period, here))
             for first, count in shares_of(actors, PROCESSES)
         ]
         for part in crowd:
@@ -268,8 +272,13 @@ def _far_apart(link: LinkPlan | None) -> Iterator[tuple[str, str]]:
         yield hosts.namespace("learner"), hosts.namespace("actors")
 
 
+def _site(config: RunConfig, listen: str, namespace: str) -> Any:
+    return _process("site", door.main, config.model_dump(mode="json"), listen, namespace)
+
+
 def _part(
     config: RunConfig,
+    endpoint: str,
     chunk: Path,
     folder: Path,
     first: int,
@@ -278,7 +287,7 @@ def _part(
     namespace: str,
 ) -> Any:
     plain = config.model_dump(mode="json")
-    book, endpoint = str(folder / f"{first:04d}.book"), config.transport.endpoint
+    book = str(folder / f"{first:04d}.book")
     part = play.Part(endpoint, plain, str(chunk), book, first, count, period, namespace)
     return _process(f"process of actors from {first}", play.main, part)
 
