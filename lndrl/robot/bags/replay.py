@@ -5,7 +5,6 @@ Nothing moves by it: commands are noted beside those that were recorded.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -70,7 +69,7 @@ class Replay:
     seconds: float
     scans: int = 0
     moments: list[Moment] = field(default_factory=list)
-    standing: Counter[str] = field(default_factory=Counter)
+    standing: dict[str, float] = field(default_factory=dict)
     words: dict[str, str] = field(default_factory=dict)
     """Of each reason that ever held: what was seen first."""
     decisions: int = 0
@@ -126,7 +125,7 @@ class Replay:
             "decisions": self.decisions,
             "arrivals": self.arrivals,
             "same_commands": None if np.isnan(same) else same,
-            "standing": dict(self.standing.most_common()),
+            "standing": dict(sorted(self.standing.items(), key=lambda each: -each[1])),
         }
 
 
@@ -187,7 +186,9 @@ class _Player:
             self._watched += _WATCHED_EVERY
             self._driver.watch(self._watched)
             if stops := self._driver.stops:
-                self._result.standing[stops[0].reason.label] += _WATCHED_EVERY
+                label = stops[0].reason.label
+                stood = self._result.standing.get(label, 0.0)
+                self._result.standing[label] = stood + _WATCHED_EVERY
             for stop in stops:
                 self._result.words.setdefault(stop.reason.label, stop.words)
 

@@ -20,6 +20,8 @@ from lndrl.view.text import MISSING, duration, number, percent
 _WIDTH, _CHART, _GAP = 8.0, 1.3, 0.5  # inches
 _MARGIN = 1.0
 """m of map that is shown around what was driven."""
+_CARRIED = 1.0
+"""m from one belief to the next that nobody drives."""
 
 
 def replay_table(title: str, summary: Mapping[str, Any]) -> Table:
@@ -112,10 +114,11 @@ def _draw_map(
         extent = (x, x + width, y, y + height)
         axes.imshow(image, origin="lower", extent=extent, interpolation="nearest")
     if len(result.reference):
-        _, x, y, _ = result.reference.T
+        x, y = _broken(result.reference[:, 1:3]).T
         axes.plot(x, y, color=TRUTH, linewidth=1.6, label=result.reference_topic)
     if len(poses):
-        axes.plot(poses[:, 0], poses[:, 1], color=BELIEF_DARK, linewidth=1.2, label="belief")
+        x, y = _broken(poses[:, :2]).T
+        axes.plot(x, y, color=BELIEF_DARK, linewidth=1.2, label="belief")
         axes.plot(*poses[0, :2], "o", color=PAPER, markeredgecolor=INK, markersize=6)
         standing = np.array([bool(each.reasons) for each in result.moments])
         axes.plot(*poses[standing, :2].T, ".", color=BAD, markersize=3, label="would stand")
@@ -126,6 +129,12 @@ def _draw_map(
     axes.tick_params(colors=INK, labelsize=8.5)
     if axes.get_legend_handles_labels()[1]:
         axes.legend(fontsize=8.5, loc="upper right", framealpha=0.9)
+
+
+def _broken(points: np.ndarray) -> np.ndarray:
+    """``points`` (n, 2) with a gap where a robot was carried."""
+    carried = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > _CARRIED) + 1
+    return np.insert(points.astype(float), carried, np.nan, axis=0)
 
 
 def _draw_widths(axes: Axes, result: Replay) -> None:

@@ -425,21 +425,21 @@ def test_a_stop_does_not_wait_for_the_acceleration() -> None:
 
 
 @pytest.mark.parametrize("wrong", [RuntimeError("broken\nin two lines"), UserError("no way")])
-def test_a_planner_that_fails_stops_it(wrong: Exception) -> None:
+def test_a_planner_that_fails_stops_it(wrong: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = driving()
 
     def fail(*_: Any) -> Any:
         raise wrong
 
-    rig.pilot.planner.act = fail  # type: ignore[method-assign]
+    monkeypatch.setattr(rig.pilot.planner, "act", fail)
     rig.tick(5)
     stands(rig, "planner_failed")
     assert "\n" not in str(rig.driver.stops[0])
 
 
-def test_a_planner_that_answers_nonsense_stops_it() -> None:
+def test_a_planner_that_answers_nonsense_stops_it(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = driving()
-    rig.pilot.planner.act = lambda *_: np.array([[np.nan, 0.0]])  # type: ignore[method-assign]
+    monkeypatch.setattr(rig.pilot.planner, "act", lambda *_: np.array([[np.nan, 0.0]]))
     rig.tick(5)
     stands(rig, "planner_failed")
 

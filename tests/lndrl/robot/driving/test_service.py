@@ -114,7 +114,8 @@ def test_the_shipped_policy_is_rehearsed() -> None:
 def test_a_drive_that_ends_leaves_a_stop() -> None:
     rehearsal = Rehearsal(goals=False, **FAST)  # type: ignore[arg-type]
     with stage(rehearsal) as played:
-        service = service_on(played, DriveOptions(goal=tuple(played.stand_in.body.goal.tolist())))  # type: ignore[arg-type]
+        x, y = played.stand_in.body.goal.tolist()
+        service = service_on(played, DriveOptions(goal=(x, y)))
         with open_link(Address(_endpoint(played), "rmw", "jazzy"), "witness") as witness:
             witness.subscribe(Topic("/cmd_vel", names.TWIST))
             drove = within(60.0)

@@ -120,7 +120,7 @@ def test_rehearsals_that_cannot_be() -> None:
         ({"episodes": 0}, "episodes 0"), ({"command_timeout": 0.0}, "command_timeout 0"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=words):
-            Rehearsal(**given)  # type: ignore[arg-type]
+            Rehearsal(**given)
 
 
 def test_episodes_end_by_the_rules_of_evaluate() -> None:
