@@ -73,12 +73,14 @@ INNER_FLOORS = {
     "lndrl.view.dashboard": 1,
     "lndrl.view.pictures": 1,
     "lndrl.view.robots": 2,
+    "lndrl.view.report": 2,
     "lndrl.cli": 0,
     "lndrl.cli.training": 1,
     "lndrl.cli.evaluation.bench": 1,
     "lndrl.cli.evaluation": 1,
     "lndrl.cli.fleet": 1,
     "lndrl.cli.robot": 1,
+    "lndrl.cli.reporting": 1,
     "lndrl.cli.main": 2,
 }
 HOUSES = {"learner", "lndrl.transport", "lndrl.robot", "lndrl.view", "lndrl.cli"}

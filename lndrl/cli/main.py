@@ -60,6 +60,7 @@ SUMMARIES = {
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
     "curves": "Draw learning curves of one run or several and write them as a table.",
+    "report": "Write one page about a run or about results, for any browser.",
     "chaos": "Let a run suffer faults on purpose and count that nothing is lost.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",
@@ -79,6 +80,7 @@ ROOMS = {
         "ship",
     ),
     "evaluation.bench": ("benchmark", "results", "calibrate"),
+    "reporting": ("report",),
     "robot": ("drive", "robot-sim", "replay"),
     "fleet": (
         "learner",
