@@ -16,6 +16,7 @@ from learner.status import StatusThread
 from lndrl import kernels
 from lndrl.ahead import compiling_ahead
 from lndrl.config import RunConfig
+from lndrl.machine.files import raise_file_limit
 from lndrl.transport import Security, open_learner
 
 _GOODBYE = 5.0  # s for actors to hear that the run is done
@@ -45,6 +46,7 @@ def run_learner(
         transport = config.transport.model_copy(update={"endpoint": endpoint})
         config = config.model_copy(update={"transport": transport})
     quiet_tensorboard()
+    raise_file_limit()
     lane = "" if team is None else lane_of(team.rank)
     door = open_learner(config.transport, security=security, lane=lane)
     crew, well = None if team is None else Crew(team), False

@@ -39,10 +39,12 @@ FLOORS = {
     "lndrl.planners": 3,
     "lndrl.ahead": 4,
     "lndrl.evaluation": 4,
+    "lndrl.robot": 4,
     "lndrl.view": 4,
     "actors": 5,
     "learner": 5,
     "lndrl.chaos": 5,
+    "lndrl.placement": 5,
     "lndrl.bench": 6,
     "lndrl.cli": 6,
     "lndrl.__main__": 6,
@@ -61,25 +63,40 @@ INNER_FLOORS = {
     "lndrl.transport": 0,
     "lndrl.transport.security": 1,
     "lndrl.transport.zenoh": 2,
+    "lndrl.robot.messages": 0,
+    "lndrl.robot.link": 1,
+    "lndrl.robot": 2,
+    "lndrl.robot.stand_in": 3,
+    "lndrl.robot.driving": 3,
+    "lndrl.robot.bags": 4,
     "lndrl.view": 0,
     "lndrl.view.dashboard": 1,
     "lndrl.view.pictures": 1,
+    "lndrl.view.robots": 2,
+    "lndrl.view.report": 2,
     "lndrl.cli": 0,
     "lndrl.cli.training": 1,
     "lndrl.cli.evaluation.bench": 1,
     "lndrl.cli.evaluation": 1,
     "lndrl.cli.fleet": 1,
+    "lndrl.cli.robot": 1,
+    "lndrl.cli.reporting": 1,
     "lndrl.cli.main": 2,
 }
-HOUSES = {"learner", "lndrl.transport", "lndrl.view", "lndrl.cli"}
+HOUSES = {"learner", "lndrl.transport", "lndrl.robot", "lndrl.view", "lndrl.cli"}
 # Rooms of one floor of which the first must not know the second.
-ONE_WAY = {("lndrl.evaluation", "lndrl.view")}
+ONE_WAY = {
+    ("lndrl.evaluation", "lndrl.view"),
+    ("lndrl.evaluation", "lndrl.robot"),
+    ("lndrl.robot", "lndrl.view"),
+}
 # Rooms of one floor that must not know each other.
 STRANGERS = [
     {"lndrl.world", "lndrl.localization", "lndrl.transport"},
     {"actors", "learner"},
     {"lndrl.view.dashboard", "lndrl.view.pictures"},
-    {"lndrl.cli.training", "lndrl.cli.evaluation", "lndrl.cli.fleet"},
+    {"lndrl.cli.training", "lndrl.cli.evaluation", "lndrl.cli.fleet", "lndrl.cli.robot"},
+    {"lndrl.robot.driving", "lndrl.robot.stand_in"},
     {"lndrl.cli.training", "lndrl.cli.evaluation.bench"},
     {"lndrl.cli.fleet", "lndrl.cli.evaluation.bench"},
 ]
@@ -95,8 +112,13 @@ LIBRARIES = {
         "lndrl.bench",
         "lndrl.cli",
     },
-    "zenoh": {"lndrl.transport", "lndrl.doctor"},
+    "zenoh": {"lndrl.transport", "lndrl.doctor", "lndrl.robot"},
+    "rosbags": {"lndrl.robot"},
+    "mcap": {"lndrl.robot"},
+    "xxhash": {"lndrl.robot"},
     "typer": {"lndrl.cli"},
+    "asyncssh": {"lndrl.placement", "lndrl.cli"},
+    "submitit": {"lndrl.placement", "lndrl.cli"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450

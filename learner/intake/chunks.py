@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ class Chunk:
     def samples(self) -> int:
         return self.trajectory.action.size
 
-    @property
+    @cached_property  # the whole queue is asked for it, again and again
     def oldest_version(self) -> int:
         return int(self.trajectory.version.min())
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from learner.run.lines import LineFile, older_files
+from learner.run.lines import LineFile, backwards, older_files
 from lndrl.wording import counted
 
 RULES = ("stale", "restart", "end", "diverged")
@@ -173,6 +173,34 @@ class Ledger:
     def _add(self, **row: Any) -> None:
         if self._file is not None:
             self._file.add(json.dumps(row, separators=(",", ":")))
+
+
+def newest_totals(path: Path) -> tuple[dict[str, Any], int] | None:
+    """The totals at the newest checkpoint that the ledger ``path`` notes, and its step.
+
+    None where there is none yet; damaged lines are passed over. Raises OSError where the file
+    cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            for _, line in backwards(file):
+                if b'"checkpoint"' in line and (found := _totals_in(line)) is not None:
+                    return found
+    except FileNotFoundError:
+        pass
+    return None
+
+
+def _totals_in(line: bytes) -> tuple[dict[str, Any], int] | None:
+    try:
+        row = json.loads(line)
+        totals = row["totals"] if row["kind"] == "checkpoint" else None
+        kinds = [totals[name] for name in ("accepted", "trained", "waiting")]
+        for tally in [*kinds, *totals["dropped"].values()]:
+            Tally.read(tally)
+        return totals, _count(row["step"])
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
 
 
 def chunk_id(data: Any) -> ChunkId:

@@ -95,6 +95,15 @@ def expected_regret(logits: Tensor, cost: Tensor) -> Tensor:
     return (torch.softmax(logits, dim=1) * cost.float().clamp(max=WORST)).sum(1)
 
 
+def dangerous_share(logits: Tensor, cost: Tensor, danger: float) -> Tensor:
+    """Chance that the policy takes an action of ``danger`` or more; (N,).
+
+    ``logits`` and ``cost`` (N, actions), the latter above the teacher's cheapest. It says nothing
+    of how to choose among the others, as a divergence from the teacher would.
+    """
+    return (torch.softmax(logits, dim=1) * (cost.float() >= danger)).sum(1)
+
+
 def value_loss(value: Tensor, target: Tensor, weight: float) -> Tensor:
     """``weight`` times the mean squared error; both (N,)."""
     return weight * (value - target).square().mean()

@@ -20,6 +20,7 @@ from learner.ppo.batch import Batch, batch_advantages, way_value
 from learner.ppo.example.lessons import Lessons
 from learner.ppo.example.stage import Stage
 from learner.ppo.losses import (
+    dangerous_share,
     expected_regret,
     explained_variance,
     policy_loss,
@@ -374,7 +375,12 @@ class PPO:
         # Of what the teacher was asked about; that may be none of it.
         share = taught.sum().clamp(min=1.0)
         held, agreement = (divergence * taught).sum() / share, (agrees * taught).sum() / share
-        return loss.total + weight * held, (*figures, held.detach(), agreement)
+        total = loss.total + weight * held
+        plan = self.config.imitation
+        if plan.avoid > 0.0:
+            risk = (dangerous_share(logits, cost, plan.danger) * taught).sum() / share
+            total = total + plan.avoid * risk
+        return total, (*figures, held.detach(), agreement)
 
     def _value_loss(self, value: Tensor, rows: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
         target = self.samples.target.index_select(0, rows)

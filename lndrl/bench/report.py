@@ -36,6 +36,7 @@ BENCHMARKS = {
     "weights": "half precision for actors: bytes, and what it does to the policy",
     "transport": "acknowledged uploads over zenoh, actor in another process",
     "train": "whole training, learner and actors",
+    "robot": "scan to command and stale scan to stop of a drive, one core, over zenoh",
     "memory": "resident memory of actor and learner in MB, by part and in a training",
     "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }
@@ -67,9 +68,12 @@ _PACKAGES = {
 }
 
 
-def measure(name: str, seconds: float, device: str | None = None) -> dict[str, Any]:
+def measure(
+    name: str, seconds: float, device: str | None = None, episodes: int | None = None
+) -> dict[str, Any]:
     """Run one benchmark for about ``seconds`` of timed work and return its figures.
 
+    ``episodes`` are for ``robot``: so many of a rehearsal beside those of ``lndrl evaluate``.
     ``device`` is cpu, cuda, cuda:N or auto; the CPU by default. Raises UserError for an unknown
     name or a device that the benchmark does not know.
     """
@@ -77,7 +81,9 @@ def measure(name: str, seconds: float, device: str | None = None) -> dict[str, A
         raise UserError(f"benchmark {name!r} is unknown; known: {', '.join(BENCHMARKS)}, all, gpu")
     if device is not None and name not in ON_DEVICES:
         raise UserError(f"--device: {name} runs on the CPU; those with: {', '.join(ON_DEVICES)}")
-    given = {} if device is None else {"device": device}
+    given: dict[str, Any] = {} if device is None else {"device": device}
+    if episodes is not None:
+        given["episodes"] = episodes
     module = importlib.import_module(f"lndrl.bench.{name}")
     figures: dict[str, Any] = module.measure(seconds, **given)
     return figures

@@ -18,7 +18,8 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, ranks, weights, "
-            "transport, train, memory, tls, or all; or gpu: all that wants one, in a few minutes"
+            "transport, train, memory, tls, robot, or all; gpu: all that wants one, in minutes; "
+            "fleet: how many actors a learner carries"
         ),
     ],
     peers: Annotated[
@@ -55,8 +56,12 @@ def bench(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="world, policy, learner, ranks, train, memory: also so",
+            help="world, policy, learner, ranks, train, memory, fleet: also so",
         ),
+    ] = None,
+    episodes: Annotated[
+        int | None,
+        typer.Option(min=1, help="robot: also so many, rehearsed beside lndrl evaluate"),
     ] = None,
     rehearse: Annotated[
         bool, typer.Option("--rehearse", help="gpu: the same script on the CPU, in small")
@@ -68,6 +73,38 @@ def bench(
         Path | None,
         typer.Option(metavar="FILE", help="gpu: JSON of what is known so far, at any time"),
     ] = None,
+    actors: Annotated[
+        str | None,
+        typer.Option(metavar="N,N,...", help="fleet: synthetic actors, 1,8,64 unless given"),
+    ] = None,
+    update: Annotated[
+        str | None,
+        typer.Option(
+            metavar="drain|real",
+            help="fleet: drain (unless given) books what came as trained; real: the learner learns",
+        ),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="fleet: one chunk of each actor every so often, not 300 steps/s"
+        ),
+    ] = None,
+    link: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MS,LOSS",
+            help="fleet: learner and actors in namespaces, so many ms of round trip between them, "
+            "this share of packets lost each way, e.g. 100,0.01; needs root",
+        ),
+    ] = None,
+    congestion: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="fleet --link: bbr (unless given), cubic or reno"),
+    ] = None,
+    site: Annotated[
+        bool, typer.Option("--site", help="fleet: actors come through the door of a site")
+    ] = False,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
@@ -77,15 +114,27 @@ def bench(
     if name == "gpu":
         given = {"--peers": peers, "--profile": profile, "--seconds": seconds is not None}
         given |= {"--device": bool(device), "--vs": bool(vs), "--set": bool(settings)}
-        _check_alone(given)
+        _check_alone(given, _GPU_TAKES)
         _measure_gpu(rehearse, minutes, out, json_output)
         return
+    if name == "fleet":
+        given = {"--peers": peers, "--profile": profile, "--device": bool(device), "--vs": bool(vs)}
+        _check_alone(given, "fleet, which takes --actors, --update, --every, --link and --set")
+        far = link, congestion or "bbr", site
+        _measure_fleet(actors, update, every, seconds, far, settings or [], json_output)
+        return
+    own = {"--actors": actors, "--update": update, "--every": every, "--link": link}
+    own |= {"--congestion": congestion, "--site": site or None}
+    if option := next((key for key, value in own.items() if value is not None), None):
+        raise UserError(f"{option} goes with fleet, not with {name}")
     if rehearse or minutes is not None or out is not None:
         option = "--rehearse" if rehearse else "--out" if out is not None else "--minutes"
         raise UserError(f"{option} goes with gpu, not with {name}")
     seconds = 5.0 if seconds is None else seconds
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
+    if episodes is not None and name != "robot":
+        raise UserError(f"--episodes goes with robot, not with {name}")
     if profile and name != "train":
         raise UserError(f"--profile goes with train, not with {name}")
     if settings and name not in report.ADJUSTED:
@@ -106,7 +155,9 @@ def bench(
     from lndrl.bench.scene import with_settings
 
     with telling(words), with_settings(settings or []):
-        _measure(names, figures, name == "all", peers, profile, seconds, device, json_output)
+        _measure(
+            names, figures, name == "all", peers, profile, seconds, device, json_output, episodes
+        )
     facts = report.machine()
     if not json_output:
         typer.echo(report.machine_line(facts))
@@ -115,13 +166,55 @@ def bench(
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
 
 
-def _check_alone(given: dict[str, bool]) -> None:
-    """Raise UserError where an option was ``given`` that gpu does not take."""
+_GPU_TAKES = (
+    "gpu, which takes --minutes, --out, --rehearse and --json; "
+    "CUDA_VISIBLE_DEVICES chooses the card"
+)
+
+
+def _check_alone(given: dict[str, bool], what: str) -> None:
+    """Raise UserError where an option was ``given`` that ``what`` does not take."""
     if option := next((name for name, value in given.items() if value), None):
-        raise UserError(
-            f"{option} does not go with gpu, which takes --minutes, --out, --rehearse and --json; "
-            "CUDA_VISIBLE_DEVICES chooses the card"
-        )
+        raise UserError(f"{option} does not go with {what}")
+
+
+def _measure_fleet(
+    actors: str | None,
+    update: str | None,
+    every: float | None,
+    seconds: float | None,
+    far: tuple[str | None, str, bool],
+    settings: list[str],
+    quiet: bool,
+) -> None:
+    """Play synthetic actors against a learner and show a row for each number of them."""
+    import json
+
+    from lndrl.bench import report
+    from lndrl.bench.fleet.plan import plan_of
+    from lndrl.bench.fleet.row import measure
+    from lndrl.bench.fleet.table import table
+    from lndrl.bench.scene import with_settings
+    from lndrl.cli.signals import say
+    from lndrl.cli.tables import print_tables
+
+    if seconds is not None and not seconds > 0:
+        raise UserError(f"--seconds {seconds:g}: must be above 0")
+    least = 2.0 * (seconds or 5.0)
+    plan = plan_of(actors or "1,8,64", update or "drain", every, least, *far)
+    rows: list[Any] = []
+
+    def words() -> str:
+        known = ", ".join(str(row["actors"]) for row in rows) or "no number of"
+        return f"measured {known} actors; begin again with: {same_command()}"
+
+    with telling(words), with_settings(settings):
+        rows.extend(measure(plan, lambda line: None if quiet else say(line)))
+    if quiet:
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    print_tables(table(rows, plan.update))
+    typer.echo(report.machine_line(report.machine()))
 
 
 def _measure_gpu(rehearse: bool, minutes: float | None, out: Path | None, quiet: bool) -> None:
@@ -182,6 +275,7 @@ def _measure(
     seconds: float,
     device: str | None,
     quiet: bool,
+    episodes: int | None = None,
 ) -> None:
     """Measure ``names`` into ``figures`` and show each as soon as it is there, unless ``quiet``."""
     from lndrl.bench import report, train
@@ -192,7 +286,8 @@ def _measure(
         if profile:
             figures[each] = train.measure_profile(seconds, device or "cpu")
         else:
-            figures[each] = report.measure(each, seconds, on_device)
+            given = () if episodes is None else (episodes,)
+            figures[each] = report.measure(each, seconds, on_device, *given)
         if peers and (not everything or each in report.COMPARED):
             figures[each]["peers"] = report.measure_peers(each, seconds)
         if not quiet:

@@ -108,14 +108,9 @@ def diff(
     json: Annotated[bool, typer.Option("--json", help="As JSON: key to both values.")] = False,
 ) -> None:
     """List the keys in which two configurations differ, whatever they leave to defaults."""
-    from lndrl.config import flatten, load_config
+    from lndrl.config import differences, load_config
 
-    one, two = (flatten(load_config(each).model_dump(mode="json")) for each in (first, second))
-    different = {
-        key: (one.get(key), two.get(key))
-        for key in dict.fromkeys([*one, *two])
-        if one.get(key) != two.get(key)
-    }
+    different = differences(load_config(first), load_config(second))
     if json:
         typer.echo(json_format.dumps(different, indent=2))
     elif not different:

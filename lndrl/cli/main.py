@@ -34,6 +34,11 @@ SUMMARIES = {
     "learner": "Run only the learner; actors connect to it from anywhere.",
     "actor": "Run actors that simulate worlds for a learner.",
     "evaluator": "Validate the newest weights of a learner, again and again.",
+    "runs": "Say which runs there are, how they stand and how two differ.",
+    "metrics": "Serve a learner's status as metrics for Prometheus.",
+    "up": "Start learner and actors on the hosts that a file names, and watch them.",
+    "down": "End what lndrl up has started.",
+    "site": "Stand between a learner and the actors of one place: weights come once.",
     "dashboard": "Watch a running learner from another terminal.",
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "returns": "Say at which discount a reward pays for which planner's way of driving.",
@@ -45,6 +50,9 @@ SUMMARIES = {
     "lost": "Say why a planner or policy gets lost: how, when and where.",
     "play": "Draw an episode of a policy as a picture or an animation.",
     "export": "Write a policy as an ONNX file that runs without lndrl, and its contract.",
+    "drive": "Drive a ROS 2 robot by a policy, from a machine without ROS.",
+    "robot-sim": "Stand in for a ROS 2 robot, to rehearse.",
+    "replay": "Run filter and policy over a recorded bag, and say where the belief went.",
     "scenarios": "List the places to train and test in, and draw them.",
     "sweep": "Compare training settings over several seeds.",
     "ship": "For maintainers: put a policy into the package, and write its model card.",
@@ -52,13 +60,14 @@ SUMMARIES = {
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
     "curves": "Draw learning curves of one run or several and write them as a table.",
+    "report": "Write one page about a run or about results, for any browser.",
     "chaos": "Let a run suffer faults on purpose and count that nothing is lost.",
     "bench": "Measure how fast the parts are on this machine.",
     "version": "Say which versions are installed.",
 }
 # Which room of lndrl.cli a command lives in; the others stand at its door.
 ROOMS = {
-    "training": ("train", "train-all", "sweep", "curves"),
+    "training": ("train", "train-all", "sweep", "curves", "runs"),
     "evaluation": (
         "demo",
         "evaluate",
@@ -71,12 +80,26 @@ ROOMS = {
         "ship",
     ),
     "evaluation.bench": ("benchmark", "results", "calibrate"),
-    "fleet": ("learner", "actor", "evaluator", "dashboard", "certs", "doctor", "chaos"),
+    "reporting": ("report",),
+    "robot": ("drive", "robot-sim", "replay"),
+    "fleet": (
+        "learner",
+        "actor",
+        "evaluator",
+        "site",
+        "up",
+        "down",
+        "dashboard",
+        "metrics",
+        "certs",
+        "doctor",
+        "chaos",
+    ),
 }
 
 _SETTING = re.compile(r"[A-Za-z_][\w.]*=")
 # Options of `lndrl certs` that take several values.
-_LISTS = ("--host", "--renew")
+_LISTS = ("--host", "--site-host", "--renew")
 # What numba says, in an error of no kind of its own, when a module with kernels is imported.
 _NUMBA_HAS_NO_PLACE = "cannot cache function"
 

@@ -21,7 +21,7 @@ ConfigName = Annotated[
     typer.Argument(
         metavar="[CONFIG]",
         help="Name of a configuration that comes with the program (lndrl config show lists them),"
-        " YAML file or run folder. [default: lndrl]",
+        " YAML file or run folder; default: lndrl.",
         show_default=False,
         autocompletion=complete_configuration,
     ),
@@ -38,7 +38,7 @@ BenchName = Annotated[
     str | None,
     typer.Option(
         metavar="FILE",
-        help="Another bench, a YAML file, with METHOD.yaml beside it. [default: benchmark]",
+        help="Another bench, a YAML file, with METHOD.yaml beside it; default: benchmark.",
         show_default=False,
     ),
 ]

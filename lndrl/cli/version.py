@@ -19,14 +19,20 @@ def version(
     json: Annotated[bool, typer.Option("--json", help="As one JSON object.")] = False,
 ) -> None:
     """Say which versions are installed."""
+    found = versions()
+    if json:
+        typer.echo(json_format.dumps(found))
+    else:
+        width = max(map(len, found))
+        typer.echo("\n".join(f"{name:<{width}}  {number}" for name, number in found.items()))
+
+
+def versions() -> dict[str, str]:
+    """The program's version, Python's, and those of the libraries that decide what it does."""
     found = {"lndrl": VERSION, "python": platform.python_version()}
     for name in _LIBRARIES:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             found[name] = "missing"
-    if json:
-        typer.echo(json_format.dumps(found))
-    else:
-        width = max(map(len, found))
-        typer.echo("\n".join(f"{name:<{width}}  {number}" for name, number in found.items()))
+    return found

@@ -5,7 +5,7 @@ Every number of the paper stands here once, as a default with its source, or in 
 """
 
 from lndrl.config.imitation import ImitationConfig
-from lndrl.config.keys import SOURCES, Key, find_keys, flatten, keys
+from lndrl.config.keys import SOURCES, Key, differences, find_keys, flatten, keys
 from lndrl.config.learning import (
     MOST_ACTORS,
     MOST_WORLDS_PER_ACTOR,
@@ -25,7 +25,7 @@ from lndrl.config.run import (
 )
 from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
-from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, WorldConfig
+from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, RetryConfig, WorldConfig
 
 __all__ = [
     "DEFAULTS",
@@ -50,7 +50,9 @@ __all__ = [
     "TaskConfig",
     "TransportConfig",
     "RandomizeConfig",
+    "RetryConfig",
     "WorldConfig",
+    "differences",
     "find",
     "find_keys",
     "flatten",

@@ -59,6 +59,14 @@ class ImitationConfig(Model):
     kl_steps: Annotated[int, Field(ge=0, le=MOST)] = Field(
         100_000, description="environment steps after that in which the weight falls to 0"
     )
+    avoid: Annotated[NonNegative, LATER] = Field(
+        0.0,
+        description="weight in PPO's loss, to the end, of the chance that the policy takes an "
+        "action which the teacher deems dangerous: what it saw of collisions is not forgotten",
+    )
+    danger: Annotated[Positive, LATER] = Field(
+        50.0, description="teacher's cost above the cheapest from which an action is dangerous"
+    )
     settings: PartSettings = Field(
         default_factory=dict, description="parameters of the teacher, as --planner-set takes them"
     )

@@ -86,6 +86,19 @@ def flatten(data: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def differences(one: Model, other: Model) -> dict[str, tuple[Any, Any]]:
+    """Dotted keys in which two configurations differ, with both values; None: it has no such key.
+
+    Whatever they leave to defaults counts as said.
+    """
+    flat = [flatten(each.model_dump(mode="json")) for each in (one, other)]
+    return {
+        key: (flat[0].get(key), flat[1].get(key))
+        for key in dict.fromkeys([*flat[0], *flat[1]])
+        if flat[0].get(key) != flat[1].get(key)
+    }
+
+
 def _walk(model: type[Model], prefix: str, above: tuple[type[Model], ...] = ()) -> Iterator[Key]:
     """Keys of ``model``; what holds one of its own kind is not entered again."""
     for name, field in model.model_fields.items():

@@ -121,6 +121,31 @@ class RandomizeConfig(Model):
         return self
 
 
+class RetryConfig(Model):
+    """Second tries in training: an episode that failed goes back and is played on from there."""
+
+    most: Annotated[int, Field(ge=0, le=1000)] = Field(
+        0, description="second tries of an episode that failed, one after the other; 0: none"
+    )
+    back: tuple[Count, Count] = Field(
+        (6, 30), description="least and most control steps that a try begins before the failure"
+    )
+    past: Count = Field(
+        15, description="control steps after the moment of the failure at which a try is cut off"
+    )
+    every: Count = Field(4, description="control steps between the moments that are kept")
+
+    @model_validator(mode="after")
+    def _some_moment_is_kept(self) -> RetryConfig:
+        least, most = self.back
+        if most - least + 1 < self.every:
+            raise ValueError(
+                f"back [{least}, {most}] must span retry.every ({self.every}) control steps or "
+                "more, least first; else there is not always a moment to go back to"
+            )
+        return self
+
+
 class WorldConfig(Model):
     """The true world: clock, robot, sensors, crowd."""
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from lndrl.config import (
     REPOSITORY_CONFIGS,
     RandomizeConfig,
+    RetryConfig,
     RunConfig,
     load_config,
     load_scenario,
@@ -123,6 +124,7 @@ def in_world_of(base: RunConfig, config: RunConfig) -> RunConfig:
         update={
             "seed": base.seed,
             "randomize": RandomizeConfig(),
+            "retry": RetryConfig(),
             "scenario": base.scenario,
             "world": base.world,
             "localization": base.localization,

@@ -90,7 +90,7 @@ def load_ros_map(path: Path | str) -> RosMap:
     pixels = read_image(image, path)
     cells = classify(pixels, about)
     notes = _notes(pixels, cells, about, path.name)
-    cells, origin = _along_the_axes(cells[::-1], about)  # row 0 is the lowest y
+    cells, origin = along_the_axes(cells[::-1], about.resolution, about.origin)  # row 0: lowest y
     known = cells < UNKNOWN
     if not (cells == FREE).any():
         raise UserError(
@@ -181,13 +181,15 @@ def _notes(pixels: Pixels, cells: Cells, about: MapFile, name: str) -> tuple[str
     return tuple(notes)
 
 
-def _along_the_axes(cells: Cells, about: MapFile) -> tuple[Cells, tuple[float, float]]:
-    """The cells in a grid along the map frame's axes, and that grid's lower left corner (m).
+def along_the_axes(
+    cells: Cells, step: float, origin: tuple[float, float, float]
+) -> tuple[Cells, tuple[float, float]]:
+    """``cells``, row 0 the lowest y, in a grid along the map frame's axes, and that grid's lower
+    left corner (m); ``step`` is a cell's side (m), ``origin`` x, y, yaw of the corner of the first.
 
     Nearest-neighbour sampling where the image is turned; corners it does not cover are BEYOND.
     """
-    x, y, yaw = about.origin
-    step = about.resolution
+    x, y, yaw = origin
     yaw = float(np.arctan2(np.sin(yaw), np.cos(yaw)))
     if abs(yaw) * max(cells.shape) < 1e-3:  # moves no corner by a thousandth of a cell
         return cells, (x, y)

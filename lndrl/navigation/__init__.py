@@ -15,8 +15,8 @@ from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.navigation.trajectory import Trajectory, final_indices
 
 if TYPE_CHECKING:
+    from lndrl.navigation.environment.render import render_snapshot
     from lndrl.navigation.navigation import Navigation, Transition, build_surroundings
-    from lndrl.navigation.render import render_snapshot
     from lndrl.navigation.snapshot import WorldSnapshot
     from lndrl.navigation.vector import StepResult, VectorNavigation
 
@@ -24,7 +24,7 @@ _SIMULATION = {
     "Navigation": "navigation",
     "Transition": "navigation",
     "build_surroundings": "navigation",
-    "render_snapshot": "render",
+    "render_snapshot": "environment.render",
     "WorldSnapshot": "snapshot",
     "StepResult": "vector",
     "VectorNavigation": "vector",

@@ -175,6 +175,18 @@ class Navigation:
         self._randomize(states[Stream.SETTINGS])
         self.batch.begin(self.index)
 
+    def go_on(self, states: State) -> None:
+        """Play on as the next episode, with ``episode_states`` ``states`` from now on.
+
+        For a world whose arrays have been put back to an earlier moment of its episode.
+        """
+        self.episode += 1
+        self.world.robot.laser_random[:] = states[Stream.LASER]
+        self.world.robot.odometry_random[:] = states[Stream.ODOMETRY]
+        self._belief.random[:] = states[Stream.LOCALIZATION]
+        if self.batch.terms is not None:
+            self.batch.terms.begin(self.index)
+
     def _randomize(self, state: State) -> None:
         """Draw what ``config.randomize`` names; all else keeps the batch's settings."""
         between = self.config.randomize

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import PPOConfig, RandomizeConfig, RunConfig
+from lndrl.config import PPOConfig, RandomizeConfig, RetryConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import REWARD_TERM, calling, find, make
 
@@ -154,10 +154,10 @@ def as_tested(config: RunConfig) -> RunConfig:
 
 def as_settled(config: RunConfig) -> RunConfig:
     """``config`` with the same settings in every episode, and paid as in training."""
-    settled = RandomizeConfig()
-    if config.randomize == settled:
+    settled = {"randomize": RandomizeConfig(), "retry": RetryConfig()}
+    if all(getattr(config, name) == value for name, value in settled.items()):
         return config
-    return config.model_copy(update={"randomize": settled})
+    return config.model_copy(update=settled)
 
 
 def learning_reward(reward: NDArray[np.float32], ppo: PPOConfig) -> NDArray[np.float32]:

@@ -8,8 +8,9 @@ truncated step, and after the last step of every world whose episode goes on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -56,16 +57,24 @@ OPTIONAL: dict[str, tuple[str, tuple[str | int, ...]]] = {
 }
 """Arrays that only some runs have, see ``schema_of``."""
 
+Array = tuple[np.dtype[Any], tuple[str | int, ...]]
+"""Type and axes of an array."""
+
 
 def schema_of(config: RunConfig) -> dict[str, tuple[str, tuple[str | int, ...]]]:
     """The arrays of an upload in a run of ``config``: those of ``SCHEMA``, and some of OPTIONAL."""
-    privileged = config.learner.privileged_critic
-    wanted = {
-        TEACHER: config.ppo.teacher is not None,
-        PRIVILEGED: privileged,
-        FINAL_PRIVILEGED: privileged,
-    }
-    return SCHEMA | {name: OPTIONAL[name] for name in OPTIONAL if wanted[name]}
+    return {name: (dtype.str, axes) for name, (dtype, axes) in _schema_of(config).items()}
+
+
+def _schema_of(config: RunConfig) -> Mapping[str, Array]:
+    return _schema(config.ppo.teacher is not None, config.learner.privileged_critic)
+
+
+@lru_cache
+def _schema(teacher: bool, privileged: bool) -> Mapping[str, Array]:
+    wanted = {TEACHER: teacher, PRIVILEGED: privileged, FINAL_PRIVILEGED: privileged}
+    named = SCHEMA | {name: OPTIONAL[name] for name in OPTIONAL if wanted[name]}
+    return {name: (np.dtype(dtype), axes) for name, (dtype, axes) in named.items()}
 
 
 _EPISODES = 4
@@ -232,7 +241,8 @@ def _unpack(
     rows: NDArray[np.float32], count: NDArray[np.uint8], capacity: int
 ) -> NDArray[np.float32]:
     people = np.zeros((*count.shape, capacity, 4), np.float32)
-    people[_valid_rows(count, capacity)] = rows
+    if len(rows):
+        people[_valid_rows(count, capacity)] = rows
     return people
 
 
@@ -240,29 +250,30 @@ def _checked_shapes(
     arrays: Mapping[str, NDArray[Any]], config: RunConfig
 ) -> dict[str, NDArray[Any]]:
     """Names, types, dtypes and shapes; returns contiguous arrays."""
-    schema = schema_of(config)
-    if not isinstance(arrays, Mapping) or set(arrays) != set(schema):
+    schema = _schema_of(config)
+    if not isinstance(arrays, Mapping) or arrays.keys() != schema.keys():
         given = sorted(map(str, arrays)) if isinstance(arrays, Mapping) else type(arrays).__name__
         raise ValueError(f"trajectory needs exactly the arrays {sorted(schema)}, not {given}")
-    sizes: dict[str, int] = {
+    sizes: dict[str | int, int] = {
         "beams": config.task.scan_frames * config.world.laser.beams,
         "A": _actions(config.task),
     }
     checked = {}
     for name, (dtype, axes) in schema.items():
         array = arrays[name]
-        if not isinstance(array, np.ndarray) or array.dtype != np.dtype(dtype):
+        if not isinstance(array, np.ndarray) or array.dtype != dtype:
             kind = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
-            raise ValueError(f"trajectory array {name} must be {np.dtype(dtype)}, not {kind}")
-        if array.ndim != len(axes):
+            raise ValueError(f"trajectory array {name} must be {dtype}, not {kind}")
+        shape = array.shape
+        if len(shape) != len(axes):
             raise ValueError(f"trajectory array {name} must have {len(axes)} axes")
-        for axis, length in zip(axes, array.shape, strict=True):
-            expected = axis if isinstance(axis, int) else sizes.setdefault(axis, length)
+        for axis, length in zip(axes, shape, strict=True):
+            expected = axis if type(axis) is int else sizes.setdefault(axis, length)
             if length != expected:
                 raise ValueError(
-                    f"trajectory array {name} has shape {array.shape}, {axis} must be {expected}"
+                    f"trajectory array {name} has shape {shape}, {axis} must be {expected}"
                 )
-        checked[name] = np.ascontiguousarray(array)
+        checked[name] = array if array.flags.c_contiguous else np.ascontiguousarray(array)
     if sizes["T"] < 1 or sizes["B"] < 1:
         raise ValueError("trajectory must hold at least one step of one world")
     if sizes.get("L", 0) not in (0, sizes["T"]):
@@ -280,21 +291,16 @@ def _actions(task: TaskConfig) -> int:
 def _check_ranges(arrays: dict[str, NDArray[Any]], task: TaskConfig) -> None:
     actions = _actions(task)
     if TEACHER in arrays:
-        _require(arrays, TEACHER, lambda a: (a >= 0.0) & (a <= MOST_COST), "finite, from 0 on")
-    for name in {PRIVILEGED, FINAL_PRIVILEGED} & arrays.keys():
-        bound = f"finite, at most {LIMIT:g} either way"
-        _require(arrays, name, lambda a: np.abs(a) <= LIMIT, bound)
-    _require(arrays, "action", lambda a: a < actions, f"below {actions}")
+        _require(arrays, TEACHER, 0.0, MOST_COST, "finite, from 0 on")
+    for name in arrays.keys() & {PRIVILEGED, FINAL_PRIVILEGED}:
+        _require(arrays, name, -LIMIT, LIMIT, f"finite, at most {LIMIT:g} either way")
+    _require(arrays, "action", 0, actions - 1, f"below {actions}")
     # A probability of 1 may round to a log probability a hair above 0.
-    _require(
-        arrays,
-        "log_prob",
-        lambda a: (a >= _LEAST_LOG_PROB) & (a <= 1e-5),
-        f"finite, from {_LEAST_LOG_PROB:g} to 0",
-    )
-    _require(arrays, "reward", lambda a: np.abs(a) <= _MAX_REWARD, "finite, at most 1e9")
-    _require(arrays, "terminated", lambda a: a <= 1, "0 or 1")
-    _require(arrays, "truncated", lambda a: a <= 1, "0 or 1")
+    bounds = f"finite, from {_LEAST_LOG_PROB:g} to 0"
+    _require(arrays, "log_prob", _LEAST_LOG_PROB, 1e-5, bounds)
+    _require(arrays, "reward", -_MAX_REWARD, _MAX_REWARD, "finite, at most 1e9")
+    _require(arrays, "terminated", 0, 1, "0 or 1")
+    _require(arrays, "truncated", 0, 1, "0 or 1")
     if (arrays["terminated"] & arrays["truncated"]).any():
         raise ValueError("trajectory step cannot be both terminated and truncated")
     expected = final_indices(arrays["terminated"], arrays["truncated"])
@@ -310,32 +316,54 @@ def _check_ranges(arrays: dict[str, NDArray[Any]], task: TaskConfig) -> None:
 
 def _check_people(arrays: dict[str, NDArray[Any]], task: TaskConfig, prefix: str) -> None:
     limit = task.max_pedestrians
-    _require(arrays, prefix + "pedestrian_count", lambda a: a <= limit, f"at most {limit}")
+    _require(arrays, prefix + "pedestrian_count", 0, limit, f"at most {limit}")
     rows = arrays[prefix + "pedestrian_rows"]
     if int(arrays[prefix + "pedestrian_count"].sum(dtype=np.int64)) != len(rows):
         raise ValueError(f"trajectory {prefix}pedestrian_rows must match the counts' sum")
     half = 0.5 * task.map_extent + _TOLERANCE
-    if not (np.abs(rows[:, :2]) <= half).all() or not (np.abs(rows[:, 2:]) <= _MAX_SPEED).all():
+    x, y, vx, vy = _bounds(np.abs(rows))[1] if len(rows) else [0.0] * 4
+    if not (x <= half and y <= half and vx <= _MAX_SPEED and vy <= _MAX_SPEED):
         raise ValueError(f"trajectory {prefix}pedestrian_rows must be people in view, finite")
 
 
 def _check_goal(goal: NDArray[np.float32], task: TaskConfig, prefix: str) -> None:
-    position, angle, variance = goal[..., :2], goal[..., 2], goal[..., 3:]
-    if not (np.abs(position) <= _MAX_COORDINATE).all():
+    if not goal.size:
+        return
+    least, most = _bounds(goal.reshape(-1, goal.shape[-1]))
+    furthest = _MAX_COORDINATE
+    if not all(a >= -furthest and b <= furthest for a, b in _pairs(least, most, 0, 2)):
         raise ValueError(f"trajectory {prefix}goal must hold finite positions")
-    if not (np.abs(angle) <= math.pi + _TOLERANCE).all():
+    turn = math.pi + _TOLERANCE
+    if not (least[2] >= -turn and most[2] <= turn):
         raise ValueError(f"trajectory {prefix}goal must hold angles in [-pi, pi]")
     limit = task.variance_limit * (1.0 + 1e-6)
-    if not ((variance >= 0.0) & (variance <= limit)).all():
+    if not all(a >= 0.0 and b <= limit for a, b in _pairs(least, most, 3, 6)):
         raise ValueError(f"trajectory {prefix}goal must hold variances in [0, {limit:g}]")
 
 
+# Most uploads are small, and what a check takes is what its calls of NumPy take: so each array is
+# looked at twice, for its least and for its largest number. Both are NaN where one of them is, and
+# NaN fails every comparison.
+
+
+def _bounds(rows: NDArray[np.float32]) -> tuple[list[float], list[float]]:
+    """The least and the largest of every column of (N, K), N at least 1."""
+    return np.minimum.reduce(rows, axis=0).tolist(), np.maximum.reduce(rows, axis=0).tolist()
+
+
+def _pairs(least: list[float], most: list[float], first: int, end: int) -> zip[tuple[float, float]]:
+    return zip(least[first:end], most[first:end], strict=True)
+
+
 def _require(
-    arrays: dict[str, NDArray[Any]],
-    name: str,
-    holds: Callable[[NDArray[Any]], NDArray[np.bool_]],
-    what: str,
+    arrays: dict[str, NDArray[Any]], name: str, least: float, most: float, what: str
 ) -> None:
-    """NaN fails every comparison, so each ``holds`` also refuses NaN."""
-    if not holds(arrays[name]).all():
+    """Raise ValueError unless all numbers of an array are from ``least`` to ``most``."""
+    array = arrays[name]
+    if not array.size:
+        return
+    flat = array.reshape(-1)
+    # Unsigned numbers are never below 0.
+    above = array.dtype.kind == "u" or np.minimum.reduce(flat) >= least
+    if not (above and np.maximum.reduce(flat) <= most):
         raise ValueError(f"trajectory array {name} must be {what}")

@@ -19,6 +19,7 @@ from lndrl.navigation.navigation import Navigation, build_surroundings
 from lndrl.navigation.observation import Observation
 from lndrl.navigation.privileged.floats import NAMES
 from lndrl.navigation.privileged.kernel import know_worlds
+from lndrl.navigation.retry import Retries
 from lndrl.navigation.track import RUNNING, TIMEOUT
 from lndrl.world import Place
 
@@ -93,6 +94,8 @@ class VectorNavigation:
             )
             for i in range(worlds)
         ]
+        # What a second try ends in says nothing of how often episodes do: it has no record.
+        self._retries = Retries(config.retry, self.worlds) if config.retry.most else None
         self.reset_all()
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -124,6 +127,8 @@ class VectorNavigation:
         if velocities.shape != (number, 2):
             raise ValueError(f"expected commands for {number} worlds, not {velocities.shape}")
         self._run(np.ascontiguousarray(velocities, dtype=np.float64))
+        if self._retries is not None:
+            self._retries.cut()
         reward, outcome = self._judged()
         result = StepResult(
             reward=reward.astype(np.float32),
@@ -136,6 +141,8 @@ class VectorNavigation:
         )
         for i in np.flatnonzero(outcome).tolist():
             self._end(i, result)
+        if self._retries is not None:
+            self._retries.remember()
         return result
 
     def _run(self, commands: NDArray[np.float64]) -> None:
@@ -175,12 +182,14 @@ class VectorNavigation:
     def _end(self, i: int, result: StepResult) -> None:
         """Write down world ``i``'s episode, which has ended, and start its next one."""
         world = self.worlds[i]
-        record = world.record()
-        result.episodes.append(record)
+        if self._retries is None or not self._retries.trying(i):
+            record = world.record()
+            result.episodes.append(record)
+            if self.on_end is not None:
+                self.on_end(world, record)
         self._final.put(i, world.observation)
-        if self.on_end is not None:
-            self.on_end(world, record)
         if self.privileged is not None and self._final_privileged is not None:
             self._final_privileged[i] = self.privileged[i]
-        world.reset()
+        if self._retries is None or not self._retries.go_back(i):
+            world.reset()
         self._know(i)

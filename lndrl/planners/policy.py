@@ -19,7 +19,8 @@ class PolicyPlanner:
     Samples them as in training, or takes the likeliest when ``greedy``; a ``temperature`` below 1
     prefers the likelier ones, as if the network's logits were divided by it. Every episode samples
     from its own generator (not from one per batch as actors do), so that the noise of an episode
-    does not depend on which others are still running.
+    does not depend on which others are still running. ``probabilities`` (B, A) are those of the
+    last step, as it drew from them: for whoever shows what it thought of.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class PolicyPlanner:
         self._runner = runner
         self._actions = action_table(runner.config.task)
         self._generators: list[np.random.Generator] = []
+        self._said: NDArray[np.floating] = np.zeros((0, len(self._actions)), np.float32)
 
     @classmethod
     def load(
@@ -54,6 +56,13 @@ class PolicyPlanner:
         """Act with other weights from now on; raises UserError when they are of another network."""
         self._runner.load(weights)
 
+    @property
+    def probabilities(self) -> NDArray[np.floating]:
+        """Of the actions in the last step, at the temperature unless ``greedy``."""
+        scores = self._said / (1.0 if self.greedy else self.temperature)
+        shares: NDArray[np.floating] = np.exp(scores - scores.max(axis=1, keepdims=True))
+        return shares / shares.sum(axis=1, keepdims=True)
+
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
         """See ``Planner.reset``."""
         self._generators = [episode_generator(seed, world) for world in worlds]
@@ -70,6 +79,7 @@ class PolicyPlanner:
         anew.
         """
         scores: NDArray[np.floating] = self._runner.log_probabilities(observation)
+        self._said = scores
         if not self.greedy:
             # Gumbel trick: the largest of log p + noise is a draw from p.
             noise = [self._generators[row].gumbel(size=scores.shape[1]) for row in rows]

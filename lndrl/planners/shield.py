@@ -64,7 +64,7 @@ class ShieldedPlanner:
         check_shield(planner.name, config)
         self.name = f"{planner.name}+shield"
         self.vetoes = np.zeros(0, np.int64)
-        self._planner = planner
+        self.planner = planner
         self._actions = action_table(config.task)
         self._stand = int(np.argmin(np.abs(self._actions).sum(axis=1)))
         looks = max(1, int(np.ceil(p.horizon / p.sample_period - 1e-9)))
@@ -77,11 +77,11 @@ class ShieldedPlanner:
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
         """See ``Planner.reset``."""
         self.vetoes = np.zeros(len(worlds), np.int64)
-        self._planner.reset(seed, worlds)
+        self.planner.reset(seed, worlds)
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``."""
-        scores = self._planner.scores(observation, rows)
+        scores = self.planner.scores(observation, rows)
         chosen, vetoed = choose(scores, self.touches(observation), len(self._times), self._stand)
         self.vetoes[rows] += vetoed
         return self._actions[chosen]

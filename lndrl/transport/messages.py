@@ -93,22 +93,38 @@ class Message:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as a plain dict (shallow)."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return {name: getattr(self, name) for name in _fields(type(self))[0]}
 
     @classmethod
     def from_dict(cls, data: Any) -> Self:
         """A message from plain data; raises MessageError for missing, unknown or wrong fields."""
         if not isinstance(data, dict):
             raise MessageError(f"{cls.KIND} must be a map")
-        known = {f.name: f for f in dataclasses.fields(cls)}
+        known, required = _fields(cls)
         for key in data:
             if key not in known:
                 raise MessageError(f"{cls.KIND} has an unknown field {key!r}")
-        for name, entry in known.items():
-            required = entry.default is dataclasses.MISSING
-            if required and entry.default_factory is dataclasses.MISSING and name not in data:
+        for name in required:
+            if name not in data:
                 raise MessageError(f"{cls.KIND} lacks the field {name}")
         return cls(**data)
+
+
+_FIELDS: dict[str, tuple[dict[str, None], tuple[str, ...]]] = {}
+
+
+def _fields(message: type[Message]) -> tuple[dict[str, None], tuple[str, ...]]:
+    """Names of a message's fields, and of those that have no default; looked up once per kind."""
+    found = _FIELDS.get(message.KIND)
+    if found is None:
+        fields = dataclasses.fields(message)
+        required = [
+            f.name
+            for f in fields
+            if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        ]
+        found = _FIELDS[message.KIND] = dict.fromkeys(f.name for f in fields), tuple(required)
+    return found
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import msgpack
@@ -107,13 +108,15 @@ def unpack(
         position += -position % ALIGNMENT
         if position + size > len(view):
             raise MessageError(f"array {name} reaches beyond the message")
-        # An empty buffer cannot be addressed at an offset, and needs no address.
-        source = view[position : position + size] if size else bytes(1)
         try:
-            arrays[name] = np.ndarray(shape, dtype, source)
+            # An empty buffer cannot be addressed at an offset, and needs no address. Neither this
+            # nor the view can be written to, so the arrays cannot, either.
+            if size:
+                arrays[name] = np.ndarray(shape, dtype, view, position)
+            else:
+                arrays[name] = np.ndarray(shape, dtype, bytes(1))
         except (ValueError, TypeError, OverflowError) as error:
             raise MessageError(f"array {name}: {error}") from None
-        arrays[name].flags.writeable = False
         position += size
     if position != len(view):
         raise MessageError(f"message has {len(view)} bytes, its table describes {position}")
@@ -173,17 +176,22 @@ def _check_nesting(value: dict[Any, Any] | list[Any], depth: int) -> None:
 
 
 def _read_row(row: Any) -> tuple[str, np.dtype[Any], tuple[int, ...], int]:
-    if not isinstance(row, list) or len(row) != 3:
+    if type(row) is not list or len(row) != 3:
         raise MessageError("a table row must be [name, dtype, shape]")
     name, code, shape = row
-    if not isinstance(name, str) or not NAME.match(name):
+    if type(name) is not str or not _is_name(name):
         raise MessageError("a table row has no valid name")
-    if not isinstance(code, str) or code not in DTYPES:
+    dtype = DTYPES.get(code) if type(code) is str else None
+    if dtype is None:
         raise MessageError(f"array {name} has a dtype that is not allowed")
-    if not isinstance(shape, list) or len(shape) > MAX_DIMENSIONS:
+    if type(shape) is not list or len(shape) > MAX_DIMENSIONS:
         raise MessageError(f"array {name} has no valid shape")
     for length in shape:
         if type(length) is not int or not 0 <= length < MAX_LENGTH:
             raise MessageError(f"array {name} has no valid shape")
-    dtype = DTYPES[code]
     return name, dtype, tuple(shape), math.prod(shape) * dtype.itemsize
+
+
+@lru_cache(256)  # the same few names in every message
+def _is_name(name: str) -> bool:
+    return NAME.match(name) is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from rich.text import Text
@@ -27,15 +29,24 @@ def walk_picture(snapshot: WorldSnapshot, columns: int, rows: int, colours: bool
     thing in it, as in the legend. A goal out of sight stands at the edge, in its direction.
     """
     pixels = _pixels(snapshot, max(columns, 1), max(rows, 1))
+    if colours:
+        return half_blocks(pixels, _COLOURS)
     upper, lower = pixels[0::2], pixels[1::2]
     picture = Text(no_wrap=True)
     for r in range(len(upper)):
         if r:
             picture.append("\n")
-        if not colours:
-            picture.append("".join(_GLYPHS[code] for code in np.maximum(upper[r], lower[r])))
-            continue
-        _append_row(picture, upper[r], lower[r])
+        picture.append("".join(_GLYPHS[code] for code in np.maximum(upper[r], lower[r])))
+    return picture
+
+
+def half_blocks(pixels: NDArray[np.uint8], colours: Sequence[str]) -> Text:
+    """``pixels`` (2 * lines, characters), the highest y first, each one of ``colours``."""
+    picture = Text(no_wrap=True)
+    for r, (upper, lower) in enumerate(zip(pixels[0::2], pixels[1::2], strict=True)):
+        if r:
+            picture.append("\n")
+        _append_row(picture, upper, lower, colours)
     return picture
 
 
@@ -62,12 +73,14 @@ def walk_words(snapshot: WorldSnapshot) -> str:
     )
 
 
-def _append_row(picture: Text, upper: NDArray[np.uint8], lower: NDArray[np.uint8]) -> None:
+def _append_row(
+    picture: Text, upper: NDArray[np.uint8], lower: NDArray[np.uint8], colours: Sequence[str]
+) -> None:
     """A line of half blocks; neighbours of the same two colours share one style."""
-    pairs = upper.astype(int) * len(_COLOURS) + lower
+    pairs = upper.astype(int) * len(colours) + lower
     edges = np.flatnonzero(np.diff(pairs)) + 1
     for first, last in zip([0, *edges], [*edges, len(pairs)], strict=True):
-        style = f"{_COLOURS[upper[first]]} on {_COLOURS[lower[first]]}"
+        style = f"{colours[upper[first]]} on {colours[lower[first]]}"
         picture.append("▀" * int(last - first), style=style)
 
 
@@ -91,16 +104,16 @@ def _pixels(snapshot: WorldSnapshot, columns: int, rows: int) -> NDArray[np.uint
     dots(snapshot.path, _PATH)
     dots(_echoes(snapshot), _ECHO)
     edge = np.clip(snapshot.goal, low + METRES / 2, low + span - METRES / 2)
-    dots(edge + _disc(snapshot.arrive_distance if (edge == snapshot.goal).all() else 0.0), _GOAL)
+    dots(edge + disc(snapshot.arrive_distance if (edge == snapshot.goal).all() else 0.0), _GOAL)
     for person in snapshot.pedestrian_position:
-        dots(person + _disc(snapshot.pedestrian_radius), _PERSON)
-    nose = snapshot.pose_true[:2] + 0.35 * _direction(snapshot.pose_true[2])
-    dots(np.vstack([snapshot.pose_true[:2] + _disc(snapshot.robot_radius), nose]), _ROBOT)
+        dots(person + disc(snapshot.pedestrian_radius), _PERSON)
+    nose = snapshot.pose_true[:2] + 0.35 * direction(snapshot.pose_true[2])
+    dots(np.vstack([snapshot.pose_true[:2] + disc(snapshot.robot_radius), nose]), _ROBOT)
     dots(snapshot.pose_estimated[:2], _BELIEF)
     return drawn[::-1]
 
 
-def _disc(radius: float) -> NDArray[np.float64]:
+def disc(radius: float) -> NDArray[np.float64]:
     """Points (n, 2) of a disc around the origin, its centre at least."""
     side = np.arange(-radius, radius + 1e-9, METRES / 2) if radius > 0.0 else np.zeros(1)
     x, y = np.meshgrid(side, side)
@@ -108,7 +121,8 @@ def _disc(radius: float) -> NDArray[np.float64]:
     return np.vstack([np.zeros((1, 2)), np.stack([x[inside], y[inside]], axis=1)])
 
 
-def _direction(yaw: float) -> NDArray[np.float64]:
+def direction(yaw: float) -> NDArray[np.float64]:
+    """The unit vector (2,) along ``yaw`` (rad)."""
     return np.array([np.cos(yaw), np.sin(yaw)])
 
 

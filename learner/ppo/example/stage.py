@@ -15,7 +15,8 @@ class Stage:
 
     temperature: of the softmax over the teacher's costs. kl: weight of KL(teacher || policy) in
     PPO's loss. drives: share of worlds that the teacher drives. until: steps at which the phase
-    ends; None for the last one. learning_rate: of the policy, where it is not PPO's.
+    ends; None for the last one. learning_rate: of the policy, where it is not PPO's. avoids: the
+    teacher goes on to say what is dangerous.
     """
 
     phase: str = REINFORCEMENT
@@ -23,12 +24,13 @@ class Stage:
     kl: float = 0.0
     drives: float = 0.0
     learning_rate: float | None = None
+    avoids: bool = False
     until: int | None = None
 
     @property
     def guidance(self) -> Guidance:
         """What actors are told."""
-        return Guidance(labels=self.phase != REINFORCEMENT, drives=self.drives)
+        return Guidance(labels=self.phase != REINFORCEMENT or self.avoids, drives=self.drives)
 
     def words(self, config: RunConfig) -> str:
         """What begins with this stage, for the log."""
@@ -58,5 +60,5 @@ def stage_of(config: RunConfig, steps: int) -> Stage:
     since, end = steps - plan.steps, plan.steps + plan.kl_steps
     if steps < end and plan.kl > 0.0:
         kl = plan.kl * (1.0 - since / plan.kl_steps)
-        return Stage(GUIDED, plan.final_temperature, kl, until=end)
-    return Stage(temperature=plan.final_temperature)
+        return Stage(GUIDED, plan.final_temperature, kl, avoids=plan.avoid > 0.0, until=end)
+    return Stage(temperature=plan.final_temperature, avoids=plan.avoid > 0.0)

@@ -179,22 +179,14 @@ def _redrive(
     folder: ResultsFolder, identity: Identity, contender: Contender, rows: list[Recorded]
 ) -> list[Panel]:
     """A panel for each of ``rows``, in their order, driven scenario by scenario."""
-    from lndrl.evaluation.benchmark import Replay, check_scenario, difference
-    from lndrl.navigation.families import Family
+    from lndrl.evaluation.benchmark import drive_again
     from lndrl.view.pictures.worst import Panel
 
-    found: dict[tuple[str, int], Panel] = {}
     with _progress(len(rows), "worst") as advance:
-        for place in dict.fromkeys(row.scenario for row in rows):
-            check_scenario(folder, identity, contender, place)
-            changes = identity.changes.get(place, ())
-            replay = Replay(contender, place, identity.seed, changes, Family(identity.family))
-            records = {row.episode: row.record for row in rows if row.scenario == place}
-            drives = replay.drive(list(records), lambda drive: advance(1, drive.reason))
-            for drive in drives:
-                k = drive.episode
-                found[place, k] = Panel(drive, difference(records[k], drive))
-    return [found[row.scenario, row.episode] for row in rows]
+        found = drive_again(
+            folder, identity, contender, rows, lambda drive: advance(1, drive.reason)
+        )
+    return [Panel(drive, otherwise) for drive, otherwise in found]
 
 
 def _bench(spec: str | None) -> BenchmarkSpec:

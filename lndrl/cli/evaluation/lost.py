@@ -43,8 +43,8 @@ def lost(
         str | None,
         typer.Option(
             metavar="S,...",
-            help="Names or YAML files. [default: the bench's; with --own-world the one it was"
-            " trained in]",
+            help="Names or YAML files; default: the bench's; with --own-world the one it was"
+            " trained in.",
             show_default=False,
             autocompletion=complete_scenario,
         ),

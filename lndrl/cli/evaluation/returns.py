@@ -12,7 +12,6 @@ import typer
 from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_configuration, complete_scenario
 from lndrl.cli.evaluation.driving import arrivals_bar, check_episodes
-from lndrl.cli.evaluation.sources import planner_sources
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import (
     PlannerSettings,
@@ -24,6 +23,7 @@ from lndrl.cli.options import (
     trust,
 )
 from lndrl.cli.signals import telling
+from lndrl.cli.sources import planner_sources
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
 

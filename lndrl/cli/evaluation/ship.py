@@ -37,7 +37,7 @@ Docs = Annotated[
     Path | None,
     typer.Option(
         metavar="FOLDER",
-        help="Where model-card.json and model-card.md lie. [default: docs of this checkout]",
+        help="Where model-card.json and model-card.md lie; default: docs of this checkout.",
         show_default=False,
     ),
 ]
@@ -49,9 +49,7 @@ def weights(
     run: Annotated[str, typer.Argument(metavar="RUN_OR_WEIGHTS", help="What is to be shipped.")],
     out: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="[default: the package's own policy]", show_default=False
-        ),
+        typer.Option(metavar="FILE", help="Default: the package's own policy.", show_default=False),
     ] = None,
     observations: Annotated[
         int, typer.Option(metavar="N", min=1, help="On which decisions are compared.")
@@ -63,7 +61,7 @@ def weights(
         float | None,
         typer.Option(
             metavar="T",
-            help="What it is meant to be sampled at, in the file from then on. [default: its own]",
+            help="What it is meant to be sampled at, in the file from then on; default: its own.",
             show_default=False,
         ),
     ] = None,

@@ -105,6 +105,6 @@ def train(
                     asked = asked_for(config, run, resume, checkpoint, overrides)
                     lead(team, chosen, folder, asked)
                 summary = local.train_locally(
-                    *(chosen, folder, resume, checkpoint, drawn, stop, security, team)
+                    *(chosen, folder, resume, checkpoint, drawn, stop), security=security, team=team
                 )
     raise typer.Exit(concluded(summary, folder, stop))

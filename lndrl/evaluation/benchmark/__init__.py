@@ -39,6 +39,7 @@ from lndrl.evaluation.benchmark.worst import (
     check_scenario,
     contender_tested,
     difference,
+    drive_again,
     worst_episodes,
 )
 
@@ -78,6 +79,7 @@ __all__ = [
     "contenders",
     "contenders_named",
     "difference",
+    "drive_again",
     "load_benchmark",
     "load_calibration",
     "mcnemar",

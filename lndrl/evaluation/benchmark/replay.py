@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, Contender, bench_config, contenders
 from lndrl.evaluation.episodes import EpisodeRunner
@@ -109,9 +110,9 @@ class Replay:
         """
         found: dict[int, Drive] = {}
         for block in self._blocks(episodes):
-            cameras = {k: _Camera() for k in block if k in episodes}
+            cameras = {k: Camera() for k in block if k in episodes}
 
-            def see(world: Navigation, cameras: dict[int, _Camera] = cameras) -> None:
+            def see(world: Navigation, cameras: dict[int, Camera] = cameras) -> None:
                 camera = cameras.get(episode_of(world.world_id))
                 if camera is not None:
                     camera(world)
@@ -124,7 +125,7 @@ class Replay:
                 if k not in left:
                     continue
                 left.remove(k)
-                found[k] = self._finished(cameras[k], record)
+                found[k] = cameras[k].drive(record, self.contender.name, self.config)
                 if progress is not None:
                     progress(found[k])
                 if not left:
@@ -137,29 +138,9 @@ class Replay:
         firsts = dict.fromkeys(k - k % BLOCK for k in episodes)
         return [range(first, first + BLOCK) for first in firsts]
 
-    def _finished(self, camera: _Camera, record: EpisodeRecord) -> Drive:
-        assert camera.end is not None
-        task = self.config.task
-        return Drive(
-            method=self.contender.name,
-            scenario=self.config.scenario.name,
-            record=record,
-            hit=camera.hit,
-            time=np.array(camera.time),
-            pose_true=np.array(camera.pose_true),
-            pose_estimated=np.array(camera.pose_estimated),
-            position_error=np.array(camera.position_error),
-            angle_error=np.array(camera.angle_error),
-            judged_error=camera.judged_error,
-            people=np.array(camera.people),
-            end=camera.end,
-            lost_distance=task.lost_distance,
-            lost_angle=task.lost_angle,
-        )
 
-
-class _Camera:
-    """Keeps what a Drive has of one world."""
+class Camera:
+    """Keeps what a Drive has of one world; watches it at its start and after every step."""
 
     def __init__(self) -> None:
         self.time: list[float] = []
@@ -188,6 +169,26 @@ class _Camera:
             )
             self.hit = world.world.collided_with
             self.end = world.snapshot()
+
+    def drive(self, record: EpisodeRecord, method: str, config: RunConfig) -> Drive:
+        """The episode that has ended with ``record``, as ``method`` drove it under ``config``."""
+        assert self.end is not None
+        return Drive(
+            method=method,
+            scenario=config.scenario.name,
+            record=record,
+            hit=self.hit,
+            time=np.array(self.time),
+            pose_true=np.array(self.pose_true),
+            pose_estimated=np.array(self.pose_estimated),
+            position_error=np.array(self.position_error),
+            angle_error=np.array(self.angle_error),
+            judged_error=self.judged_error,
+            people=np.array(self.people),
+            end=self.end,
+            lost_distance=config.task.lost_distance,
+            lost_angle=config.task.lost_angle,
+        )
 
 
 def contender_named(spec: BenchmarkSpec, name: str, greedy: bool = False) -> Contender:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from lndrl.errors import UserError
-from lndrl.evaluation.benchmark.replay import Drive
+from lndrl.evaluation.benchmark.replay import Drive, Replay
 from lndrl.evaluation.benchmark.run import describe
 from lndrl.evaluation.benchmark.spec import (
     Contender,
@@ -20,7 +20,7 @@ from lndrl.evaluation.benchmark.spec import (
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.navigation import EpisodeRecord
-from lndrl.navigation.families import episode_of
+from lndrl.navigation.families import Family, episode_of
 from lndrl.planners import PlannerSource, is_rule, planner_source
 
 WORST_FIRST = ("lost", "collided", "timeout", "arrived")
@@ -127,3 +127,26 @@ def difference(recorded: EpisodeRecord, drive: Drive) -> str:
     if (recorded.outcome, recorded.steps) == (again.outcome, again.steps):
         return ""
     return f"recorded: {recorded.outcome} after {recorded.time:.1f} s"
+
+
+def drive_again(
+    folder: ResultsFolder,
+    identity: Identity,
+    contender: Contender,
+    rows: Sequence[Recorded],
+    progress: Callable[[Drive], None],
+) -> list[tuple[Drive, str]]:
+    """Each of ``rows`` as ``contender`` drives it now, in their order, and the ``difference``.
+
+    Driven scenario by scenario; ``progress`` gets each as it ends. Raises UserError where a
+    scenario has changed since it was tested.
+    """
+    found: dict[tuple[str, int], tuple[Drive, str]] = {}
+    for place in dict.fromkeys(row.scenario for row in rows):
+        check_scenario(folder, identity, contender, place)
+        changes = identity.changes.get(place, ())
+        replay = Replay(contender, place, identity.seed, changes, Family(identity.family))
+        records = {row.episode: row.record for row in rows if row.scenario == place}
+        for drive in replay.drive(list(records), progress):
+            found[place, drive.episode] = drive, difference(records[drive.episode], drive)
+    return [found[row.scenario, row.episode] for row in rows]

@@ -25,6 +25,7 @@ from lndrl.navigation.environment.arguments import (
     scale_factor,
     whole_number,
 )
+from lndrl.navigation.environment.render import render_snapshot
 from lndrl.navigation.environment.spaces import (
     ObservationDict,
     observation_dict,
@@ -32,7 +33,6 @@ from lndrl.navigation.environment.spaces import (
     step_info,
 )
 from lndrl.navigation.navigation import Navigation, build_surroundings
-from lndrl.navigation.render import render_snapshot
 from lndrl.world import Place
 
 logger = logging.getLogger("lndrl")

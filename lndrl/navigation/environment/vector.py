@@ -23,6 +23,7 @@ from lndrl.navigation.environment.arguments import (
     scale_factor,
     whole_number,
 )
+from lndrl.navigation.environment.render import render_snapshot
 from lndrl.navigation.environment.single import NavigationEnv, shared_surroundings
 from lndrl.navigation.environment.spaces import (
     ObservationDict,
@@ -30,7 +31,6 @@ from lndrl.navigation.environment.spaces import (
     observation_space,
     step_info,
 )
-from lndrl.navigation.render import render_snapshot
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.navigation.vector import StepResult, VectorNavigation
 

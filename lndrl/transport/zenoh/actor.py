@@ -147,7 +147,8 @@ class ZenohActor(Bookkeeper):
         failures = 0
         while not self.ledger.closed() and (left := deadline - time.monotonic()) > 0:
             session = self._session
-            sample = self._ask(WEIGHTS, payload, left)
+            # Acknowledgements and news go before megabytes on the same link.
+            sample = self._ask(WEIGHTS, payload, left, zenoh.Priority.DATA_LOW)
             if sample is None or sample.attachment is None:
                 failures += 1
                 self._check_size()
@@ -219,12 +220,18 @@ class ZenohActor(Bookkeeper):
     def _connect(self, timeout: float) -> ZenohSession:
         return open_connecting(self._endpoint, self._config, timeout, self._security)
 
-    def _ask(self, key: str, payload: bytes, timeout: float) -> zenoh.Sample | None:
+    def _ask(
+        self,
+        key: str,
+        payload: bytes,
+        timeout: float,
+        priority: zenoh.Priority = zenoh.Priority.INTERACTIVE_HIGH,
+    ) -> zenoh.Sample | None:
         session = self._session
         if session is None or session.closing:
             return None
         try:
-            return session.query(key, payload, timeout)
+            return session.query(key, payload, timeout, priority)
         except zenoh.ZError:
             return None
 

@@ -37,6 +37,8 @@ from lndrl.transport.zenoh.session import (
 
 ANNOUNCE_SECONDS = 1.0
 JOIN_SECONDS = 10.0
+WEIGHTS_THREADS = 8
+"""Links that may be slow to take weights before one more has to wait for them."""
 
 
 class ZenohLearner:
@@ -85,7 +87,6 @@ class ZenohLearner:
         for name, key, take in (
             ("status", STATUS, self._on_status),
             ("announce", ANNOUNCE, self._on_announce),
-            ("weights", WEIGHTS, self._on_weights),
             ("ping", PING, self._on_ping),
             ("validation", VALIDATION, self._on_validation),
             ("hello", HELLO, self._on_hello),
@@ -94,6 +95,11 @@ class ZenohLearner:
             self._entities.append(queryable)
             session.pump(name, queryable.handler, take)
         self._entities.append(self._uploads.start(session))
+        weights = session.zenoh.declare_queryable(WEIGHTS, zenoh.handlers.FifoChannel(CAPACITY))
+        self._entities.append(weights)
+        # A reply waits until its link has taken megabytes in: others must not wait with it.
+        for _ in range(WEIGHTS_THREADS):
+            session.pump("weights", weights.handler, self._on_weights)
         session.run("announcer", self._announce)
 
     def publish_weights(self, version: int, blob: bytes, tested: bytes | None = None) -> None:
@@ -147,9 +153,10 @@ class ZenohLearner:
                 query.reply(WEIGHTS, b"", attachment=newest)
                 return
             announcement, blob = found
-            if self._payload is None or self._payload[0] != announcement.digest:
-                self._payload = (announcement.digest, zenoh.ZBytes(blob))
-            query.reply(WEIGHTS, self._payload[1], attachment=encode(announcement))
+            kept = self._payload
+            if kept is None or kept[0] != announcement.digest:
+                kept = self._payload = (announcement.digest, zenoh.ZBytes(blob))
+            query.reply(WEIGHTS, kept[1], attachment=encode(announcement))
 
     def _on_announce(self, query: zenoh.Query) -> None:
         with query:

@@ -142,9 +142,7 @@ def save_curves(
     figure = Figure(figsize=(12.0, 5.0), facecolor=PAPER, layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.55, 1.0))
-    steps = column(rows, "steps")
-    if not np.isfinite(steps).any():
-        steps = np.arange(len(rows), dtype=np.float64)
+    steps = _steps_of(rows)
     large = figure.add_subplot(grid[:, 0])
     _draw_outcomes(large, steps, rows)
     _draw_phases(large, steps, rows)
@@ -167,6 +165,48 @@ def save_curves(
         title = shortened(title, 12, 0.98 * figure.get_figwidth())
         figure.suptitle(title, x=0.01, ha="left", size=12, color=INK)
     figure.savefig(path, dpi=dpi)
+
+
+def outcomes_figure(
+    rows: Sequence[Row], validated: Sequence[Row] = (), size: tuple[float, float] = (6.2, 3.9)
+) -> Figure:
+    """The large panel of ``save_curves`` alone, ``size`` inches; ``rows`` are one or more."""
+    figure, axes, steps = _panel(rows, size)
+    _draw_outcomes(axes, steps, rows)
+    _draw_phases(axes, steps, rows)
+    _draw_validated(axes, validated)
+    return figure
+
+
+def series_figure(
+    rows: Sequence[Row],
+    key: str,
+    name: str,
+    colour: str,
+    size: tuple[float, float] = (4.2, 2.3),
+) -> Figure:
+    """One small panel, called ``name``, of the numbers under the dotted ``key`` of ``rows``."""
+    figure, axes, steps = _panel(rows, size)
+    _draw_series(axes, steps, column(rows, key), colour)
+    dress(axes, name)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    return figure
+
+
+def _panel(
+    rows: Sequence[Row], size: tuple[float, float]
+) -> tuple[Figure, Axes, NDArray[np.float64]]:
+    figure = Figure(figsize=size, facecolor=PAPER, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set_xlabel("environment steps", color=INK, size=9)
+    return figure, axes, _steps_of(rows)
+
+
+def _steps_of(rows: Sequence[Row]) -> NDArray[np.float64]:
+    """Environment steps at each row (n,); their numbers where no row has any."""
+    steps = column(rows, "steps")
+    return steps if np.isfinite(steps).any() else np.arange(len(rows), dtype=np.float64)
 
 
 def _draw_outcomes(axes: Axes, steps: NDArray[np.float64], rows: Sequence[Row]) -> None:

@@ -70,6 +70,30 @@ def test_whoever_imitates_comes_near_the_teacher(trainer, dense: bool, joint: bo
     assert rows[0]["learning_rate"] == 3e-3
 
 
+def test_ppo_is_kept_from_what_the_teacher_deems_dangerous_and_free_otherwise(trainer) -> None:
+    """No advantage says anything; action 5 is the cheapest, all but 5 and 6 are dangerous."""
+    found = {}
+    for avoid in (0.0, 5.0):
+        ppo = trainer(
+            ppo={"normalize_advantages": False}, imitation={"avoid": avoid, "danger": 20.0}
+        )
+        batch = batch_of(ppo, liked=5)
+        assert batch.teacher is not None
+        batch.teacher[:] = 30.0
+        batch.teacher[:, 5], batch.teacher[:, 6] = 0.0, 10.0
+        for trajectory in batch.trajectories:
+            trajectory.reward[:] = 0.0
+        for _ in range(15):
+            ppo.update(batch, 0.0, Stage(temperature=0.1, avoids=avoid > 0.0))
+        with torch.no_grad():
+            logits = ppo.policy(prepare(batch.observation, ppo.config))
+        chance = torch.softmax(logits, dim=1).mean(0)
+        found[avoid] = float(1.0 - chance[5] - chance[6])
+        ratio = float(chance[6] / chance[5])
+    assert found[0.0] > 0.8 > 0.4 > found[5.0]
+    assert 0.2 < ratio < 5.0  # the cheaper one is not preferred for being cheaper
+
+
 def test_regret_makes_the_policy_mind_what_mistakes_cost(trainer) -> None:
     def regret(ppo: PPO, batch: Batch) -> float:
         with torch.no_grad():

@@ -135,7 +135,7 @@ def test_learner(services: Services) -> None:
     assert (endpoint or config.transport.endpoint) == "tcp/0.0.0.0:7000"
     assert config.learner.total_steps == 9
     assert not stop.is_set()
-    assert options == {"security": Security("learner")}
+    assert options == {"security": Security("learner"), "team": None}
 
 
 def test_learner_listens_on_loopback_unless_asked(services: Services) -> None:

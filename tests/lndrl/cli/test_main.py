@@ -7,12 +7,14 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numba
 import pytest
+from rich.text import Text
 
 from lndrl.cli import main as command_line
 from lndrl.errors import UserError
@@ -62,6 +64,21 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_command_has_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert command_line.run([name, "--help"]) == 0
     assert f"Usage: lndrl {name}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", command_line.SUMMARIES)
+def test_no_help_text_is_taken_for_markup(name: str) -> None:
+    """Rich drops what stands in square brackets, a default that is told in words, say."""
+
+    def texts(command: Any) -> Iterator[str]:
+        yield command.help or ""
+        for parameter in command.params:
+            yield getattr(parameter, "help", None) or ""
+        for inner in getattr(command, "commands", {}).values():
+            yield from texts(inner)
+
+    for text in texts(command_line.load_command(name)):
+        assert Text.from_markup(text).plain == text
 
 
 def test_no_arguments_show_the_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from lndrl import localization
 from lndrl.config import RunConfig
+from lndrl.navigation.environment.render import render_snapshot
 from lndrl.navigation.navigation import Navigation, Transition, build_surroundings
 from lndrl.navigation.observation import goal_vector
-from lndrl.navigation.render import render_snapshot
 from lndrl.navigation.reward import pose_error
 from lndrl.randomness import Stream, episode_states
 from lndrl.world import World, beam_bearings

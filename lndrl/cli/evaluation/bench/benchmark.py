@@ -30,7 +30,7 @@ def benchmark(
         str | None, typer.Option(metavar="S,...", help="Default: the bench's five.")
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option(metavar="N", help="Per method and scenario. [default: 500]")
+        int | None, typer.Option(metavar="N", help="Per method and scenario; default: 500.")
     ] = None,
     name: Annotated[
         str | None,

@@ -23,7 +23,7 @@ def calibrate(
         str | None,
         typer.Argument(
             metavar="[FILE]",
-            help="YAML file of variants. [default: calibration]",
+            help="YAML file of variants; default: calibration.",
             show_default=False,
         ),
     ] = None,

@@ -18,8 +18,8 @@ def results(
         typer.Option(
             "--from",
             metavar="FOLDER",
-            help="Results of lndrl benchmark. [default: results/benchmark, else those that come"
-            " with the program]",
+            help="Results of lndrl benchmark; default: results/benchmark, else those that come"
+            " with the program.",
             show_default=False,
         ),
     ] = None,
@@ -30,8 +30,8 @@ def results(
         str | None,
         typer.Option(
             metavar="M",
-            help="The row that others are compared with and goals are for. [default: lndrl; where"
-            " it is not there, the first row that is, and no goal is judged]",
+            help="The row that others are compared with and goals are for; default: lndrl; where"
+            " it is not there, the first row that is, and no goal is judged.",
             show_default=False,
         ),
     ] = None,

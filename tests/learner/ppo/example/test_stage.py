@@ -55,6 +55,15 @@ def test_phases_can_be_left_out() -> None:
     assert stage_of(taught(drive_steps=0), 0).drives == 0.0
 
 
+def test_whoever_avoids_is_labelled_to_the_end() -> None:
+    avoiding = taught(avoid=2.0)
+    assert stage_of(avoiding, 0) == stage_of(taught(), 0)
+    for steps in (1000, 1250, 10**9):
+        stage = stage_of(avoiding, steps)
+        assert stage.avoids and stage.guidance == Guidance(labels=True, drives=0.0)
+        assert not stage_of(taught(), steps).avoids
+
+
 def test_each_says_what_begins() -> None:
     words = [stage_of(taught(), steps).words(taught()) for steps in (0, 1000, 2000)]
     assert words == [

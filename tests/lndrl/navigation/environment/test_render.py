@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 
-from lndrl.navigation.render import (
+from lndrl.navigation.environment.render import (
     ESTIMATE,
     FLOOR,
     GOAL,

@@ -1,0 +1,1 @@
+"""``lndrl bench fleet``: how many actors one learner carries, with synthetic ones."""

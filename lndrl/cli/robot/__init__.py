@@ -1,0 +1,1 @@
+"""What drives robots, stands in for them, and looks at what they recorded."""

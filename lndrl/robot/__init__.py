@@ -1,0 +1,1 @@
+"""A robot that speaks ROS 2, without ROS: messages, links, driving, a stand-in, recordings."""

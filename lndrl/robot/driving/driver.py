@@ -1,0 +1,341 @@
+"""A robot driven: messages in, commands out, and at any moment a reason where it stands.
+
+Knows no network and no clock of its own, so that a live robot, a stand-in and a recording are
+driven by the same code.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lndrl.errors import UserError
+from lndrl.robot.driving.belief import Estimate
+from lndrl.robot.driving.commands import Limits
+from lndrl.robot.driving.maps import RobotMap
+from lndrl.robot.driving.pilot import Decision, Pilot
+from lndrl.robot.driving.reasons import Reason, Stop, in_order
+from lndrl.robot.driving.senses import Senses
+from lndrl.robot.messages import (
+    SECOND,
+    Content,
+    Poses,
+    StampedPose,
+    Velocity,
+    Words,
+)
+
+Floats = NDArray[np.float64]
+Send = Callable[[str, Content], None]
+Guard = Callable[[float, float, "Driver"], tuple[float, float]]
+"""What may leave of v and w, the limits kept; called with every command but a stop."""
+
+_AGAIN = 0.1
+"""s after which a command is sent again: bases stop by themselves when none comes."""
+_ZEROS = 1.0
+"""s for which a stop is sent again; then others may command the robot."""
+_STATUS = 1.0
+_PARTICLES = 0.5
+"""s between two messages."""
+_MOST_PARTICLES = 500
+
+
+@dataclass
+class Tally:
+    """What a drive has come to."""
+
+    decisions: int = 0
+    arrivals: int = 0
+    stops: dict[str, int] = field(default_factory=dict)
+    """How often a reason stopped the robot."""
+    distance: float = 0.0
+    """m, by the odometry."""
+
+
+@dataclass(frozen=True)
+class DriveView:
+    """What a drive looks like at one moment, for screens."""
+
+    time: float
+    map: RobotMap | None
+    estimate: Estimate | None
+    goal: Floats | None
+    echoes: Floats
+    """(n, 2) m, where the scan met something, in the map's frame."""
+    people: Floats
+    """(n, 4) in the robot's frame."""
+    command: tuple[float, float]
+    probabilities: NDArray[np.floating] | None
+    actions: Floats
+    stops: tuple[Stop, ...]
+    guarded: bool
+    robot_radius: float
+    arrive_distance: float
+    tally: Tally
+
+
+class Driver:
+    """Drives by ``pilot`` with what ``senses`` says. ``send`` is called with what a message is for
+    and what it says. ``command_frame`` goes into stamped commands.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        senses: Senses,
+        send: Send,
+        limits: Limits | None = None,
+        guard: Guard | None = None,
+        goal: StampedPose | None = None,
+    ) -> None:
+        self.pilot, self.senses = pilot, senses
+        self.tally = Tally()
+        self.decision: Decision | None = None
+        self.command = 0.0, 0.0
+        self.outside: dict[Reason, str] = {}
+        """Reasons that whoever owns the driver knows of: the link, topics, an interruption."""
+        self.arrived = False
+        self.send, self._limits, self._guard = send, limits or Limits(), guard
+        self._goal: Floats | None = None
+        self._goal_fault: tuple[Reason, str] | None = None
+        self._failed: str | None = None
+        self.guarded = False
+        """Whether the guard has let less through than was asked for, in the last command."""
+        self._wanted = 0.0, 0.0
+        self._due = 0
+        self._sent_at = self._stopped_at = self._said_at = self._shown_at = -np.inf
+        self._said: tuple[str, ...] = ("",)
+        self._stops: tuple[Stop, ...] = ()
+        self._last_odometry: Floats | None = None
+        senses.goal = goal
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """Why it stands, the first to mend at the front; empty while it drives."""
+        return self._stops
+
+    def take(
+        self,
+        purpose: str,
+        content: Content,
+        now: float,
+        clock: int | None,
+        came: float | None = None,
+    ) -> bool:
+        """Take in a message that ``came`` (``now``, unless it had to wait), when ``clock`` showed
+        that; see ``Senses.take``. True where it led to a decision.
+        """
+        goal_before = self.senses.goal
+        moved = self.senses.take(purpose, content, now if came is None else came, clock)
+        if self.senses.goal is not goal_before:
+            self._goal, self._goal_fault, self.arrived = None, None, False
+        if purpose == "initial_pose":  # a robot that was carried begins anew
+            self._due = 0
+        if not moved:
+            return False
+        decided = self._step(now)
+        self._publish(now)
+        return decided
+
+    def watch(self, now: float) -> None:
+        """Time passes: stop if something has become stale, else say again what holds."""
+        self._judge(now)
+        if self._stops:
+            self._stand(now)
+        elif now - self._sent_at >= _AGAIN:
+            self._command(self._wanted, now)
+        self._status(now)
+
+    def stand(self, now: float, words: str) -> None:
+        """Stop for good, at once."""
+        self.outside[Reason.INTERRUPTED] = words
+        self._judge(now)
+        self._stand(now, again=True)
+        self._status(now)
+
+    def view(self, now: float) -> DriveView:
+        """What there is to see."""
+        estimate, scan = self.senses.estimate, self.senses.scan
+        echoes = np.zeros((0, 2))
+        if estimate is not None and scan is not None:
+            hit = np.isfinite(scan.ranges)
+            angle = estimate.pose[2] + scan.bearings[hit].astype(np.float64)
+            reach = scan.ranges[hit].astype(np.float64)[:, None]
+            echoes = estimate.pose[:2] + reach * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        decision, config = self.decision, self.pilot.config
+        return DriveView(
+            time=now,
+            map=self.senses.map,
+            estimate=estimate,
+            goal=self._goal,
+            echoes=echoes,
+            people=np.zeros((0, 4)) if decision is None else decision.people,
+            command=self.command,
+            probabilities=None if decision is None else decision.probabilities,
+            actions=self.pilot.actions,
+            stops=self._stops,
+            guarded=self.guarded,
+            robot_radius=config.world.robot_radius,
+            arrive_distance=config.task.arrive_distance,
+            tally=self.tally,
+        )
+
+    def _step(self, now: float) -> bool:
+        """A new estimate: see to the goal, decide where it is time, command."""
+        self._drove()
+        self._seek()
+        self._judge(now)
+        if self._stops:
+            self._stand(now)
+            return False
+        decided = self._is_due()
+        if decided:
+            self._decide(now)
+            self._judge(now)
+            if self._stops:
+                self._stand(now)
+                return True
+        self._command(self._wanted, now)
+        return decided
+
+    def _seek(self) -> None:
+        """Take up a goal, and see whether the robot is there."""
+        estimate, map_ = self.senses.estimate, self.senses.map
+        if estimate is None or map_ is None:
+            return
+        if self._goal is None and self.senses.goal is not None and not self.arrived:
+            found = self.senses.goal_in_map()
+            if isinstance(found, tuple):
+                self._goal_fault = found
+            elif found is not None:
+                self._goal_fault = map_.fault_of_goal(found, estimate.pose)
+                if self._goal_fault is None:
+                    self._goal, self._due = found, 0
+                    self._try(lambda: self.pilot.begin(found, estimate.pose, map_))
+        if self._goal is not None:
+            left = float(np.hypot(*(estimate.pose[:2] - self._goal)))
+            if left < self.pilot.config.task.arrive_distance:
+                self._goal, self.arrived = None, True
+                self.tally.arrivals += 1
+
+    def _is_due(self) -> bool:
+        """Whether a control period is over, to within half a scan."""
+        assert self.senses.estimate is not None
+        stamp = self.senses.estimate.stamp
+        period = round(self.pilot.period * SECOND)
+        slack = round(0.05 * SECOND)
+        if self._due and stamp < self._due - slack and stamp > self._due - 2 * period:
+            return False
+        late = not self._due or abs(stamp - self._due) >= period // 2
+        self._due = (stamp if late else self._due) + period
+        return True
+
+    def _decide(self, now: float) -> None:
+        scan, estimate = self.senses.scan, self.senses.estimate
+        assert scan is not None and estimate is not None
+
+        def decide() -> None:
+            self.decision = self.pilot.decide(scan, estimate, self.senses.people())
+            self._wanted = self.decision.v, self.decision.w
+            if not np.isfinite(self._wanted).all():
+                raise ValueError(f"it answers {self._wanted}")
+
+        self._try(decide)
+        self.tally.decisions += 1
+
+    def _try(self, work: Callable[[], None]) -> None:
+        """What a planner does wrong is a reason to stand, whoever has written it."""
+        try:
+            work()
+        except UserError as error:
+            self._failed = str(error)
+        except Exception as error:
+            said = " ".join(str(error).split())[:200]
+            self._failed = f"{self.pilot.planner.name} fails: {type(error).__name__} {said}"
+
+    def _judge(self, now: float) -> None:
+        """Gather all reasons that hold now."""
+        found = {**self.senses.stops(now), **self.outside}
+        if self._failed is not None:
+            found[Reason.PLANNER_FAILED] = self._failed
+        if self._goal_fault is not None:
+            found.setdefault(*self._goal_fault)
+        elif self.arrived:
+            found[Reason.ARRIVED] = "the robot is at its goal"
+        elif self.senses.goal is None:
+            found[Reason.NO_GOAL] = "there is no goal"
+        before = self._stops
+        self._stops = in_order(found)
+        for stop in self._stops:
+            if not before and self.tally.decisions and not stop.reason.is_rest:
+                label = stop.reason.label
+                self.tally.stops[label] = self.tally.stops.get(label, 0) + 1
+        if self._stops and not before:
+            self._stopped_at = now
+            self._sent_at = -np.inf
+
+    def _stand(self, now: float, again: bool = False) -> None:
+        """Send a stop at once, and again for a while."""
+        self._wanted = 0.0, 0.0
+        moving = self.command != (0.0, 0.0)
+        repeat = now - self._stopped_at <= _ZEROS and now - self._sent_at >= _AGAIN
+        if moving or repeat or again:
+            self._emit(0.0, 0.0, now)
+
+    def _command(self, wanted: tuple[float, float], now: float) -> None:
+        seconds = min(now - self._sent_at, 0.5) if np.isfinite(self._sent_at) else _AGAIN
+        v, w = self._limits.within(wanted, self.command, seconds)
+        if self._guard is not None:
+            asked = v, w
+            v, w = self._guard(v, w, self)
+            self.guarded = (v, w) != asked
+        self._emit(v, w, now)
+
+    def _emit(self, v: float, w: float, now: float) -> None:
+        self.command, self._sent_at = (v, w), now
+        estimate = self.senses.estimate
+        stamp = 0 if estimate is None else estimate.stamp
+        self.send("command", Velocity(v, w, stamp, self.senses.base))
+
+    def _drove(self) -> None:
+        here = self.senses.wheels.newest
+        if here is not None and self._last_odometry is not None:
+            self.tally.distance += float(np.hypot(*(here - self._last_odometry)[:2]))
+        self._last_odometry = here
+
+    def _publish(self, now: float) -> None:
+        """The belief, for RViz and whoever else wants to know."""
+        estimate, map_ = self.senses.estimate, self.senses.map
+        if estimate is None or map_ is None:
+            return
+        frame = map_.frame
+        self.send(
+            "own_pose", StampedPose(estimate.stamp, frame, estimate.pose, estimate.covariance)
+        )
+        if now - self._shown_at >= _PARTICLES:
+            self._shown_at = now
+            stride = -(-len(estimate.particles) // _MOST_PARTICLES)
+            self.send("particles", Poses(estimate.stamp, frame, estimate.particles[::stride]))
+
+    def _status(self, now: float) -> None:
+        """Say why it stands, when that changes and every second."""
+        labels = tuple(stop.reason.label for stop in self._stops)
+        if labels == self._said and now - self._said_at < _STATUS:
+            return
+        self._said, self._said_at = labels, now
+        self.send("status", Words(json.dumps(self.status())))
+
+    def status(self) -> dict[str, object]:
+        """What is published as text: state, the first reason, all of them, and in words."""
+        first = self._stops[0] if self._stops else None
+        return {
+            "state": "standing" if first else "driving",
+            "reason": first.reason.label if first else "",
+            "words": str(first) if first else "",
+            "all": [stop.reason.label for stop in self._stops],
+            "guarded": self.guarded,
+        }

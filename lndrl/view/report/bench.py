@@ -1,0 +1,140 @@
+"""Chapters about results of the bench: the table beside the paper's, places, pairs and goals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from lndrl.view.palette import OUTCOME_WORD
+from lndrl.view.report.parts import (
+    OUTCOME_TONE,
+    Facts,
+    Folded,
+    Part,
+    Section,
+    Table,
+    Text,
+    Tile,
+    Tiles,
+    Tone,
+)
+from lndrl.view.results import VERDICT, captions, goal_rows, metric_rows, paired_rows, scenario_rows
+from lndrl.view.text import percent
+
+if TYPE_CHECKING:
+    from lndrl.evaluation.benchmark import Recorded
+    from lndrl.evaluation.benchmark.results import Results
+
+_PUBLISHED = "  published"
+_PAIRED = [f"{what} ({how})" for how in ("arrived", "lost") for what in ("points", "p", "pairs")]
+_VERDICT_TONE: dict[str, Tone] = {
+    VERDICT[True]: "good",
+    VERDICT[False]: "bad",
+    VERDICT[None]: "quiet",
+}
+
+
+def results_sections(results: Results) -> list[Section]:
+    """Everything that ``lndrl results`` says, chapter by chapter."""
+    whole, places, pairs, goals = captions(results)
+    head, rows = metric_rows(results, "\n")
+    published = frozenset(i for i, row in enumerate(rows) if row[0] == _PUBLISHED)
+    named = [(_name(rows, i), *row[1:]) for i, row in enumerate(rows)]
+    parts: list[Part | Folded] = [_tiles(results), Table(whole, head, named, quiet=published)]
+    parts += [Text(note) for note in results.notes()]
+    sections = [
+        Section("table", "The table beside the paper's", parts),
+        Section("scenarios", "Scenarios", [Table(places, *scenario_rows(results))]),
+    ]
+    head, rows = paired_rows(results, "\n")
+    if rows:
+        table = Table(pairs, ("against", "episodes", *_PAIRED), rows)
+        sections.append(Section("pairs", "Paired differences", [table]))
+    head, rows = goal_rows(results)
+    table = Table(goals, head, rows, words=frozenset({0, 1, 2}), tones=_VERDICT_TONE)
+    return [*sections, Section("goals", "Goals", [table])]
+
+
+def identity_section(results: Results) -> Section:
+    """What the figures stand for: bench, seed, version, and who drove."""
+    identity = results.identity
+    facts = [
+        ("folder", results.folder),
+        ("version of the bench", str(identity.bench_version)),
+        ("seed", str(identity.seed)),
+        ("episodes of", identity.family),
+        ("tested by", f"lndrl {identity.program_version}"),
+    ]
+    methods = [
+        (name, *(what.get(key, "–") for key in ("planner", "actions", "localization", "identity")))
+        for name, what in identity.methods.items()
+    ]
+    scenarios = [
+        (name, digest, ", ".join(identity.changes.get(name, ())) or "–")
+        for name, digest in identity.scenarios.items()
+    ]
+    return Section(
+        "provenance",
+        "What was tested",
+        [
+            Facts(facts),
+            Table(
+                "Methods as they were tested.",
+                ("method", "planner", "actions", "localization", "identity"),
+                methods,
+                words=frozenset(range(5)),
+            ),
+            Folded(
+                "Scenarios and their hashes",
+                [
+                    Table(
+                        "Scenarios as they were tested.",
+                        ("scenario", "hash", "set there"),
+                        scenarios,
+                        words=frozenset(range(3)),
+                    )
+                ],
+            ),
+        ],
+    )
+
+
+def worst_table(rows: Sequence[Recorded], method: str) -> Table:
+    """The worst episodes as they are recorded, for those that cannot be driven again too."""
+    return Table(
+        f"The worst episodes of {method} as they are recorded.",
+        ("episode", "ended", "time (s)", "distance (m)", "mean position error (m)"),
+        [
+            (
+                f"{row.scenario}, {row.episode}",
+                OUTCOME_WORD[row.record.outcome],
+                f"{row.record.time:.1f}",
+                f"{row.record.distance:.1f}",
+                f"{row.record.position_error:.2f}",
+            )
+            for row in rows
+        ],
+        words=frozenset({0, 1}),
+    )
+
+
+def _tiles(results: Results) -> Tiles:
+    row = results.reference
+    metrics, hazard = row.metrics, row.hazard
+    tiles = []
+    for outcome, name in (("arrived", "arrival"), ("collided", "collision"), ("lost", "lost")):
+        rate = getattr(metrics, name)
+        low, high = (100 * end for end in rate.interval)
+        note = f"{low:.1f}–{high:.1f} % of {rate.episodes:,}"
+        tiles.append(
+            Tile(f"{row.method} {outcome}", percent(rate.value), note, OUTCOME_TONE[outcome])
+        )
+    low, high = hazard.interval
+    note = f"{low:.2f}–{high:.2f} per 1,000 control steps"
+    tiles.append(Tile(f"{row.method}: hazard", f"{hazard.value:.2f}", note, "quiet"))
+    return Tiles(tiles)
+
+
+def _name(rows: Sequence[Sequence[str]], i: int) -> str:
+    """What heads row ``i``: beside a method's own row stands what the paper has of it."""
+    return f"{rows[i - 1][0]}, published" if rows[i][0] == _PUBLISHED else rows[i][0]
