@@ -9,7 +9,7 @@ from typing import Any
 import zenoh
 
 from lndrl.transport.desk import LearnerDesk
-from lndrl.transport.keys import upload_key
+from lndrl.transport.keys import UPLOAD, upload_key
 from lndrl.transport.messages import Ack, encode
 from lndrl.transport.uploads import UploadQueue
 from lndrl.transport.zenoh.session import ZenohSession
@@ -19,20 +19,28 @@ logger = logging.getLogger(__name__)
 
 
 class UploadIntake:
-    """Answers the uploads that go to ``lane``, by ``desk``."""
+    """Answers the uploads that go to ``lane``, by ``desk``.
 
-    def __init__(self, desk: LearnerDesk, lane: str = "") -> None:
+    ``door``: those that go to none as well, of actors that have not heard yet which is theirs.
+    """
+
+    def __init__(self, desk: LearnerDesk, lane: str = "", door: bool = False) -> None:
         self._desk = desk
-        self._key = f"{upload_key(lane)}/**"
+        self._keys = [f"{upload_key(lane)}/**"]
+        if lane and door:
+            self._keys.append(f"{UPLOAD}/*/*/*")  # of a lane have one word more
         self._uploads = UploadQueue[zenoh.Query]()
 
-    def start(self, session: ZenohSession) -> Any:
+    def start(self, session: ZenohSession) -> list[Any]:
         """Begin; what is returned must be kept for as long as uploads are to be answered."""
-        channel: Any = zenoh.handlers.FifoChannel(CAPACITY)
-        queryable = session.zenoh.declare_queryable(self._key, channel)
-        session.pump("intake", queryable.handler, self._uploads.put)
+        entities = []
+        for key in self._keys:
+            channel: Any = zenoh.handlers.FifoChannel(CAPACITY)
+            queryable = session.zenoh.declare_queryable(key, channel)
+            session.pump("intake", queryable.handler, self._uploads.put)
+            entities.append(queryable)
         session.run("uploads", self._take)
-        return queryable
+        return entities
 
     def close(self) -> None:
         """Answer nothing any more."""

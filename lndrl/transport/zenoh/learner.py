@@ -59,7 +59,7 @@ class ZenohLearner:
         self.endpoint = config.endpoint
         self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20), run_id)
         self.incarnation = self._desk.incarnation
-        self._uploads = UploadIntake(self._desk, lane)
+        self._uploads = UploadIntake(self._desk, lane, door=True)
         self._news = threading.Event()
         self._entities: list[Any] = []
         self._payload: tuple[str, zenoh.ZBytes] | None = None
@@ -94,7 +94,7 @@ class ZenohLearner:
             queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
             self._entities.append(queryable)
             session.pump(name, queryable.handler, take)
-        self._entities.append(self._uploads.start(session))
+        self._entities += self._uploads.start(session)
         weights = session.zenoh.declare_queryable(WEIGHTS, zenoh.handlers.FifoChannel(CAPACITY))
         self._entities.append(weights)
         # A reply waits until its link has taken megabytes in: others must not wait with it.

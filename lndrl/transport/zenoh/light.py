@@ -15,7 +15,7 @@ import zenoh
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.interface import LearnerUnreachableError
-from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, UPLOAD, WEIGHTS
+from lndrl.transport.keys import ACTORS, ANNOUNCE, HELLO, WEIGHTS, upload_key
 from lndrl.transport.messages import (
     Ack,
     Hello,
@@ -49,6 +49,7 @@ class LightActor:
         timeout: float = 30.0,
     ) -> None:
         self._endpoint = endpoint
+        self._lanes: dict[str, str] = {}  # by actor
         try:
             self._session: ZenohSession = open_connecting(endpoint, config, timeout, security)
         except UnreachableError:
@@ -60,6 +61,7 @@ class LightActor:
         Raises UserError when refused, LearnerUnreachableError when no answer comes in time.
         """
         welcome = self._welcome(hello, time.monotonic() + timeout)
+        self._lanes[hello.actor_id] = welcome.lane
 
         def on_news(sample: zenoh.Sample) -> None:
             news, _ = decode(sample.payload.to_bytes(), WeightsAnnouncement)
@@ -78,7 +80,8 @@ class LightActor:
         self, hello: Hello, sequence: int, payload: bytes, patience: float, answered: Answered
     ) -> None:
         """Send a chunk; ``answered`` is called once, with None where no answer came in time."""
-        key = f"{UPLOAD}/{hello.actor_id}/{hello.incarnation}/{sequence}"
+        lane = upload_key(self._lanes.get(hello.actor_id, ""))
+        key = f"{lane}/{hello.actor_id}/{hello.incarnation}/{sequence}"
         found: list[Ack] = []
 
         def on_reply(reply: zenoh.Reply) -> None:

@@ -57,7 +57,7 @@ class ZenohRank:
         )
         self._entities.append(members)
         self._session.pump("members", members.handler, self._on_member)
-        self._entities.append(self._uploads.start(self._session))
+        self._entities += self._uploads.start(self._session)
 
     def note_version(self, version: int) -> None:
         """From now on acknowledgements tell of these weights, which rank 0 has."""

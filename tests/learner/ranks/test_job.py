@@ -12,15 +12,30 @@ from learner.intake.accounts import summed
 from learner.learner import Learner
 from learner.run.checkpoint import find_checkpoint
 from learner.status import snapshot
+from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.transport import open_learner
+from lndrl.transport import UNKNOWN_ACTOR, Ack, ChunkHeader, open_learner
+from lndrl.transport.messages import decode, encode
 from lndrl.transport.status import parse_status
+from lndrl.transport.zenoh.session import open_connecting
 from tests.learner.ranks.helpers_ranks import NAMES, Feeder, job, ranks_config
 
 
 def kinds(folder: Path) -> list[str]:
     """Of the ledger's lines."""
     return [json.loads(line)["kind"] for line in (folder / "ledger.jsonl").read_text().splitlines()]
+
+
+def lost_its_way(config: RunConfig, feeder: Feeder) -> Ack:
+    """What is answered to an upload in no lane, of an actor that has not heard of any."""
+    session = open_connecting(config.transport.endpoint, config.transport, 10.0)
+    try:
+        header = ChunkHeader(feeder.welcome.run_id, feeder.name, "life", 9, 8, 2)
+        sample = session.query(f"lndrl/upload/{feeder.name}/life/9", encode(header, {}), 10.0)
+        assert sample is not None
+        return decode(sample.payload.to_bytes(), Ack)[0]
+    finally:
+        session.close()
 
 
 def check_sum(totals: dict) -> None:
@@ -38,6 +53,7 @@ def test_two_ranks_train_one_run_which_one_rank_goes_on_with(tmp_path: Path) -> 
         for version in range(3):
             made.update(feeders, version)
         assert learner.counters.steps == 3 * 32 and learner.counters.version == 3
+        assert lost_its_way(config, feeders[1]).reason == UNKNOWN_ACTOR, "it says hello then"
         # Sent again, it is known to the rank that has it.
         assert feeders[1].send(3, sequence=3) == "duplicate"
         assert feeders[1].send(3, sequence=4) == "accepted"
