@@ -114,7 +114,11 @@ def _stand_in(*options: str) -> Iterator[tuple[Link, subprocess.Popen[str]]]:
     command = [sys.executable, "-m", "lndrl", "robot-sim", "--scenario", SCENARIO, "--listen",
                endpoint, *options]  # fmt: skip
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, preexec_fn=_anywhere
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        encoding="utf-8",
+        preexec_fn=_anywhere,
     )
     try:
         with _linked(endpoint, process) as link:
