@@ -1,6 +1,6 @@
 """``python -m learner``: ``lndrl learner``, by the name that torchrun starts.
 
-torchrun --nproc-per-node=2 -m learner lndrl --run mine
+torchrun --nproc-per-node=2 -m learner lndrl --run-name mine
 """
 
 import sys

@@ -44,6 +44,7 @@ FLOORS = {
     "actors": 5,
     "learner": 5,
     "lndrl.chaos": 5,
+    "lndrl.placement": 5,
     "lndrl.bench": 6,
     "lndrl.cli": 6,
     "lndrl.__main__": 6,
@@ -114,6 +115,8 @@ LIBRARIES = {
     "mcap": {"lndrl.robot"},
     "xxhash": {"lndrl.robot"},
     "typer": {"lndrl.cli"},
+    "asyncssh": {"lndrl.placement", "lndrl.cli"},
+    "submitit": {"lndrl.placement", "lndrl.cli"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450

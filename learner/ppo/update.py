@@ -437,11 +437,12 @@ def _precision(name: str, device: torch.device) -> torch.dtype:
 
 def _device_of(team: Team | None, device: torch.device) -> torch.device:
     """``device``; where ranks share a machine, each of them has a GPU of its own there."""
-    if team is None or device.type != "cuda" or device.index is not None:
+    if team is None or device.type != "cuda" or ":" in str(device):
         return device
     if team.place >= torch.cuda.device_count():
         raise UserError(
             f"{team.neighbours} ranks are on {team.hosts[team.rank]}, which has "
             f"{torch.cuda.device_count()} GPUs; start one rank for each"
         )
+    torch.cuda.set_device(team.place)  # what NCCL goes by
     return torch.device("cuda", team.place)

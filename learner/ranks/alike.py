@@ -36,7 +36,7 @@ def digest_of(ppo: PPO) -> int:
     found = 0
     for network in (ppo.policy, ppo.value):
         for parameter in network.parameters():
-            found = zlib.crc32(parameter.detach().cpu().contiguous().numpy(), found)
+            found = zlib.crc32(parameter.detach().cpu().contiguous().numpy().data, found)
     return found
 
 

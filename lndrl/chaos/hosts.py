@@ -10,6 +10,7 @@ Nothing in a namespace reaches anything outside: there is no link that leads the
 
 from __future__ import annotations
 
+import ipaddress
 import os
 import shutil
 import subprocess
@@ -179,9 +180,15 @@ class Hosts:
             )
             self.run(name, ["nft", rules])
 
-    def setting(self, name: str, key: str, value: str) -> None:
-        """A kernel setting of one host, such as net.ipv4.tcp_congestion_control."""
-        self.run(name, ["sysctl", "-qw", f"{key}={value}"])
+    def congestion(self, link: Link, algorithm: str) -> None:
+        """Let both ends of a link send by ``algorithm``, such as cubic or bbr.
+
+        By the route, for the kernel lets a namespace choose few as its default.
+        """
+        for end in link.ends:
+            network = str(ipaddress.ip_interface(end.address).network)
+            route = ("route", "change", network, "dev", end.interface, "congctl", algorithm)
+            self._inside(end.host, *route)
 
     def inside(self, name: str, command: Sequence[str]) -> list[str]:
         """The command line that does ``command`` on a host."""

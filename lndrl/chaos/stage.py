@@ -22,7 +22,10 @@ import yaml
 from lndrl.chaos.proxy import Proxy
 from lndrl.evaluation.sweep.processes import this_program
 from lndrl.machine.ports import free_port
+from lndrl.machine.processes import descendants, lives
 from lndrl.numbering import by_number
+
+__all__ = ["CONFIG", "Child", "Stage", "descendants", "is_worker", "lives", "wait_for"]
 
 RUN, SIDE_RUN = "chaos", "side"
 UPLOAD_TIMEOUT = 4.0
@@ -260,24 +263,6 @@ def wait_for(
             raise TimeoutError(f"no {what} within {seconds:g} s")
         time.sleep(0.1)
     return found
-
-
-def descendants(pid: int) -> list[int]:
-    """Process ids of all that a process started, directly or not."""
-    try:
-        children = Path(f"/proc/{pid}/task/{pid}/children").read_text("utf-8").split()
-    except OSError:
-        return []
-    found = [int(child) for child in children]
-    return found + [other for child in found for other in descendants(child)]
-
-
-def lives(pid: int) -> bool:
-    """Whether a process exists and is no zombie."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text("utf-8").rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def is_worker(pid: int) -> bool:

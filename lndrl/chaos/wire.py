@@ -88,13 +88,18 @@ class Wire:
                     os.write(self._ends[1 - side], packet)
 
 
-def tun(host: str, interface: str) -> int:
-    """A TUN interface in a namespace, as a descriptor; raises OSError where not permitted."""
+def enter(host: str) -> None:
+    """Go to a namespace, with this thread and those that it starts; raises OSError."""
     libc = ctypes.CDLL(None, use_errno=True)
     with (NAMESPACES / host).open("rb") as namespace:
         if libc.setns(namespace.fileno(), _CLONE_NEWNET) != 0:
             number = ctypes.get_errno()
             raise OSError(number, os.strerror(number))
+
+
+def tun(host: str, interface: str) -> int:
+    """A TUN interface in a namespace, as a descriptor; raises OSError where not permitted."""
+    enter(host)
     descriptor = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK)
     request = struct.pack("16sH", interface.encode(), _IFF_TUN | _IFF_NO_PI)
     fcntl.ioctl(descriptor, _TUNSETIFF, request.ljust(40, b"\0"))

@@ -39,7 +39,7 @@ def resuming_command(run: str) -> str:
             del given[:1]
         elif not argument.startswith("--checkpoint="):
             kept.append(argument)
-    if not any(argument.partition("=")[0] == "--run" for argument in kept):
+    if not any(argument.partition("=")[0] in ("--run", "--run-name") for argument in kept):
         kept += ["--run", run]
     if "--resume" not in kept:
         kept.append("--resume")

@@ -90,6 +90,18 @@ def bench(
             metavar="SECONDS", help="fleet: one chunk of each actor every so often, not 300 steps/s"
         ),
     ] = None,
+    link: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MS,LOSS",
+            help="fleet: learner and actors in namespaces, so many ms of round trip between them, "
+            "this share of packets lost each way, e.g. 100,0.01; needs root",
+        ),
+    ] = None,
+    congestion: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="fleet --link: bbr (unless given), cubic or reno"),
+    ] = None,
 ) -> None:
     """Measure a part of the system on this machine, beside its peers where asked."""
     import json
@@ -104,11 +116,12 @@ def bench(
         return
     if name == "fleet":
         given = {"--peers": peers, "--profile": profile, "--device": bool(device), "--vs": bool(vs)}
-        _check_alone(given, "fleet, which takes --actors, --update, --every, --seconds and --set")
-        _measure_fleet(actors, update, every, seconds, settings or [], json_output)
+        _check_alone(given, "fleet, which takes --actors, --update, --every, --link and --set")
+        far = link, congestion or "bbr"
+        _measure_fleet(actors, update, every, seconds, far, settings or [], json_output)
         return
-    if actors is not None or update is not None or every is not None:
-        option = "--actors" if actors is not None else "--every" if update is None else "--update"
+    own = {"--actors": actors, "--update": update, "--every": every, "--link": link}
+    if option := next((key for key, value in own.items() if value is not None), None):
         raise UserError(f"{option} goes with fleet, not with {name}")
     if rehearse or minutes is not None or out is not None:
         option = "--rehearse" if rehearse else "--out" if out is not None else "--minutes"
@@ -166,6 +179,7 @@ def _measure_fleet(
     update: str | None,
     every: float | None,
     seconds: float | None,
+    far: tuple[str | None, str],
     settings: list[str],
     quiet: bool,
 ) -> None:
@@ -182,7 +196,8 @@ def _measure_fleet(
 
     if seconds is not None and not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
-    plan = plan_of(actors or "1,8,64", update or "drain", every, 2.0 * (seconds or 5.0))
+    least = 2.0 * (seconds or 5.0)
+    plan = plan_of(actors or "1,8,64", update or "drain", every, least, *far)
     rows: list[Any] = []
 
     def words() -> str:

@@ -35,6 +35,10 @@ SUMMARIES = {
     "actor": "Run actors that simulate worlds for a learner.",
     "evaluator": "Validate the newest weights of a learner, again and again.",
     "runs": "Say which runs there are, how they stand and how two differ.",
+    "metrics": "Serve a learner's status as metrics for Prometheus.",
+    "up": "Start learner and actors on the hosts that a file names, and watch them.",
+    "down": "End what lndrl up has started.",
+    "site": "Stand between a learner and the actors of one place: weights come once.",
     "dashboard": "Watch a running learner from another terminal.",
     "evaluate": "Measure a policy with the paper's nine metrics.",
     "returns": "Say at which discount a reward pays for which planner's way of driving.",
@@ -76,12 +80,24 @@ ROOMS = {
     ),
     "evaluation.bench": ("benchmark", "results", "calibrate"),
     "robot": ("drive", "robot-sim", "replay"),
-    "fleet": ("learner", "actor", "evaluator", "dashboard", "certs", "doctor", "chaos"),
+    "fleet": (
+        "learner",
+        "actor",
+        "evaluator",
+        "site",
+        "up",
+        "down",
+        "dashboard",
+        "metrics",
+        "certs",
+        "doctor",
+        "chaos",
+    ),
 }
 
 _SETTING = re.compile(r"[A-Za-z_][\w.]*=")
 # Options of `lndrl certs` that take several values.
-_LISTS = ("--host", "--renew")
+_LISTS = ("--host", "--site-host", "--renew")
 # What numba says, in an error of no kind of its own, when a module with kernels is imported.
 _NUMBA_HAS_NO_PLACE = "cannot cache function"
 

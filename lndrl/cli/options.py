@@ -44,7 +44,12 @@ BenchName = Annotated[
 ]
 RunName = Annotated[
     str | None,
-    typer.Option("--run", metavar="NAME", help="Folder runs/NAME; else named by file and time."),
+    typer.Option(
+        "--run",
+        "--run-name",  # torchrun takes --run for one of its own
+        metavar="NAME",
+        help="Folder runs/NAME; else named by file and time.",
+    ),
 ]
 Settings = Annotated[
     list[str] | None,

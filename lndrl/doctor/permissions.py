@@ -39,6 +39,7 @@ class Operation:
 
 # A version of weights that no learner has: the answer is empty instead of megabytes.
 _NO_VERSION = b"9" * 20
+_LIFE = secrets.token_hex(8)  # the incarnation under which nothing is uploaded
 
 
 def _operation(right: Right) -> Operation | None:
@@ -49,7 +50,7 @@ def _operation(right: Right) -> Operation | None:
     if right.action == "hear":
         return Operation(f"hear {name}", right.key, hears=True)
     if right.key == EVERY_UPLOAD:
-        return Operation(name, f"{UPLOAD}/doctor/{secrets.token_hex(8)}/0")
+        return Operation(name, f"{UPLOAD}/doctor/{_LIFE}/0")
     return Operation(name, right.key, _NO_VERSION if right.key == WEIGHTS else b"")
 
 

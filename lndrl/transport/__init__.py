@@ -5,6 +5,9 @@ Zenoh is imported when an endpoint is opened, so the in-memory transport needs n
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from lndrl.config import TransportConfig
 from lndrl.transport.interface import (
     ActorEndpoint,
@@ -42,6 +45,9 @@ from lndrl.transport.messages import (
 from lndrl.transport.security.exposure import reachable
 from lndrl.transport.security.identity import Security
 
+if TYPE_CHECKING:
+    from lndrl.transport.zenoh.site import ZenohSite
+
 __all__ = [
     "COUNTS",
     "DEFAULT_LIMITS",
@@ -76,6 +82,7 @@ __all__ = [
     "open_evaluator",
     "open_learner",
     "open_rank",
+    "open_site",
     "open_viewer",
     "pack",
     "reachable",
@@ -120,6 +127,22 @@ def open_evaluator(
     from lndrl.transport.zenoh.evaluator import ZenohEvaluator
 
     return ZenohEvaluator(endpoint, config, security)
+
+
+def open_site(
+    connect: str,
+    config: TransportConfig,
+    upwards: Security | None = None,
+    security: Security | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> ZenohSite:
+    """A site's door at ``config.endpoint`` for the learner at ``connect``; raises UserError.
+
+    ``upwards`` protects the side of the learner, ``security`` that of the actors.
+    """
+    from lndrl.transport.zenoh.site import ZenohSite
+
+    return ZenohSite(connect, config, upwards, security, say)
 
 
 def open_viewer(

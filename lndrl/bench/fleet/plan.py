@@ -12,19 +12,33 @@ RATE = 300.0
 """Control steps per second that every synthetic actor offers: a real one of one fast core."""
 MOST_ACTORS_PLAYED = MOST_ACTORS
 UPDATES = ("drain", "real")
+CONGESTION = ("bbr", "cubic", "reno")
+
+
+@dataclass(frozen=True)
+class LinkPlan:
+    """A long wire between actors and learner: ``round_trip`` in s, ``loss`` each way as a share of
+    packets, and by which ``congestion`` control both ends send.
+    """
+
+    round_trip: float
+    loss: float
+    congestion: str = "bbr"
 
 
 @dataclass(frozen=True)
 class Plan:
     """``actors``: a row for each number. ``update`` drain: batches are counted as trained, and the
     networks stay as they are; real: the learner learns. ``every``: s between two chunks of an
-    actor, None for as many as make RATE. ``seconds``: timed s of a row, at least.
+    actor, None for as many as make RATE. ``seconds``: timed s of a row, at least. ``link``: between
+    learner and actors, in namespaces of their own; None for none.
     """
 
     actors: tuple[int, ...]
     update: str = "drain"
     every: float | None = None
     seconds: float = 10.0
+    link: LinkPlan | None = None
 
     def period(self, samples: int) -> float:
         """s between two chunks of ``samples`` control steps that an actor offers."""
@@ -37,7 +51,12 @@ class Plan:
 
 
 def plan_of(
-    actors: str, update: str = "drain", every: float | None = None, seconds: float = 10.0
+    actors: str,
+    update: str = "drain",
+    every: float | None = None,
+    seconds: float = 10.0,
+    link: str | None = None,
+    congestion: str = "bbr",
 ) -> Plan:
     """A plan from what the command line says; raises UserError with one sentence."""
     numbers = []
@@ -53,4 +72,21 @@ def plan_of(
         raise UserError(f"--update {update}: must be {' or '.join(UPDATES)}")
     if every is not None and not every > 0:
         raise UserError(f"--every {every:g}: must be above 0")
-    return Plan(tuple(numbers), update, every, seconds)
+    return Plan(tuple(numbers), update, every, seconds, _link_of(link, congestion))
+
+
+def _link_of(link: str | None, congestion: str) -> LinkPlan | None:
+    if congestion not in CONGESTION:
+        raise UserError(f"--congestion {congestion}: must be one of {', '.join(CONGESTION)}")
+    if link is None:
+        return None
+    try:
+        milliseconds, loss = map(float, link.split(","))
+    except ValueError:
+        milliseconds = loss = -1.0
+    if not (0.0 <= milliseconds <= 10_000.0 and 0.0 <= loss < 1.0):
+        raise UserError(
+            f"--link {link}: must be the round trip in milliseconds and the share of packets that"
+            " is lost each way, e.g. 100,0.01"
+        )
+    return LinkPlan(milliseconds / 1e3, loss, congestion)

@@ -17,7 +17,10 @@ FINISH = 60.0
 
 @dataclass(frozen=True)
 class Part:
-    """Which actors a process plays: ``count`` from number ``first`` on; files are the row's."""
+    """Which actors a process plays: ``count`` from number ``first`` on; files are the row's.
+
+    ``namespace``: of the host that they are on; empty for this one.
+    """
 
     endpoint: str
     config: dict[str, Any]
@@ -26,16 +29,20 @@ class Part:
     first: int
     count: int
     period: float
+    namespace: str = ""
 
 
 def main(part: Part, channel: Connection) -> None:
     """Join, then do what the parent says: begin, count, tell, fetch N, stop."""
     from lndrl.bench.fleet.crowd import Crowd
+    from lndrl.chaos.wire import enter
     from lndrl.config import parse_config
     from lndrl.errors import UserError
     from lndrl.machine.files import raise_file_limit
 
     raise_file_limit()
+    if part.namespace:
+        enter(part.namespace)
     config = parse_config(part.config, "bench fleet")
     with np.load(part.chunk) as file:
         arrays = dict(file)

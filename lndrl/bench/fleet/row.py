@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from lndrl.bench.fleet import play, serve
-from lndrl.bench.fleet.plan import Plan
+from lndrl.bench.fleet.plan import LinkPlan, Plan
 from lndrl.bench.fleet.scene import fleet_config
 from lndrl.bench.scene import settings as asked_for
+from lndrl.chaos.hosts import Hosts
 from lndrl.chaos.ledger import ActorBook, LearnerBook, balance, files_of, lines_of
 from lndrl.chaos.monitor import cpu_seconds
 from lndrl.config import RunConfig
@@ -32,6 +33,7 @@ from lndrl.transport import ViewerEndpoint, free_endpoint, open_viewer
 Row = dict[str, Any]
 
 COLLECTOR = Path(__file__).with_name("chunk.py")
+_LEARNER = "192.0.2.1"  # its address at a long wire
 PROCESSES = 4
 """That play the actors, at most."""
 _JOIN = 300.0  # s for the learner to be there and all actors to have joined
@@ -59,18 +61,21 @@ def measure(plan: Plan, show: Callable[[str], None] = lambda line: None) -> Iter
 
 def _row(plan: Plan, actors: int, folder: Path, show: Callable[[str], None]) -> Row:
     config = fleet_config(asked_for())
-    transport = config.transport.model_copy(update={"endpoint": free_endpoint()})
+    endpoint = f"tcp/{_LEARNER}:7447" if plan.link else free_endpoint()
+    transport = config.transport.model_copy(update={"endpoint": endpoint})
     config = config.model_copy(update={"transport": transport})
     worlds = config.worlds_per_actor(actors)
     samples = worlds * config.actor.horizon
     chunk = _collect(folder, worlds)
     period = plan.period(samples)
     with ExitStack() as stack:
-        learner = stack.enter_context(_learner(config, folder / "run", plan.update == "drain"))
+        there, here = stack.enter_context(_far_apart(plan.link))
+        drain = plan.update == "drain"
+        learner = stack.enter_context(_learner(config, folder / "run", drain, there))
         learner.wait_for("ready", _JOIN)
         show(f"{actors} actors join")
         crowd = [
-            stack.enter_context(_part(config, chunk, folder, first, count, period))
+            stack.enter_context(_part(config, chunk, folder, first, count, period, here))
             for first, count in shares_of(actors, PROCESSES)
         ]
         for part in crowd:
@@ -82,7 +87,7 @@ def _row(plan: Plan, actors: int, folder: Path, show: Callable[[str], None]) -> 
         row["chunk_kb"] = len(chunk.read_bytes()) / 1e3
         row["offered_steps_per_second"] = actors * samples / period
         show(f"{actors} actors send")
-        row |= _timed(plan, samples, learner, crowd, config.transport.endpoint)
+        row |= _timed(plan, samples, learner, crowd, "" if plan.link else endpoint)
         show(f"{actors} actors fetch weights")
         row["weights_seconds"] = _fan_out(learner, crowd)
         _tell_all(crowd, "stop")
@@ -103,17 +108,19 @@ def _timed(plan: Plan, samples: int, learner: Child, crowd: Sequence[Child], end
     began, spent = time.monotonic(), cpu_seconds(learner.pid) or 0.0
     seconds = plan.span(samples)
     _tell_all(crowd, "count", began, began + seconds)
-    memory, answers = 0.0, []
-    viewer = open_viewer(endpoint)
+    memory, lag, answers = 0.0, None, []
+    viewer = open_viewer(endpoint) if endpoint else None
     try:
         while (now := time.monotonic()) < began + seconds:
-            answers.append(_status_seconds(viewer))
+            if viewer is not None:
+                answers.append(_status_ms(viewer))
             memory = max(memory, resident_megabytes(learner.pid))
             learner.check()
             time.sleep(max(0.0, now + _LOOK - time.monotonic()))
-        lag = _lag(viewer)
+        lag = _lag(viewer) if viewer is not None else None
     finally:
-        viewer.close()
+        if viewer is not None:
+            viewer.close()
     _tell_all(crowd, "tell")
     counted = [part.wait_for("counted", 60.0) for part in crowd]
     cores = ((cpu_seconds(learner.pid) or 0.0) - spent) / (time.monotonic() - began)
@@ -123,8 +130,8 @@ def _timed(plan: Plan, samples: int, learner: Child, crowd: Sequence[Child], end
         "chunks_per_second": len(latencies) / seconds,
         "ack_p50_ms": quantile(latencies, 0.5),
         "ack_p99_ms": quantile(latencies, 0.99),
-        "status_p50_ms": 1e3 * (quantile(sorted(answers), 0.5) or 0.0),
-        "status_p99_ms": 1e3 * (quantile(sorted(answers), 0.99) or 0.0),
+        "status_p50_ms": quantile(sorted(answers), 0.5),
+        "status_p99_ms": quantile(sorted(answers), 0.99),
         "lag_mean": lag,
         "learner_rss_mb": memory,
         "learner_cores": cores,
@@ -160,10 +167,10 @@ def quantile(ordered: Sequence[float], share: float) -> float | None:
     return ordered[min(len(ordered) - 1, math.ceil(share * len(ordered)) - 1)]
 
 
-def _status_seconds(viewer: ViewerEndpoint) -> float:
+def _status_ms(viewer: ViewerEndpoint) -> float:
     began = time.monotonic()
     viewer.status(30.0)
-    return time.monotonic() - began
+    return 1e3 * (time.monotonic() - began)
 
 
 def _lag(viewer: ViewerEndpoint) -> float:
@@ -241,17 +248,38 @@ def _process(name: str, target: Callable[..., None], *arguments: Any) -> Iterato
         child.end()
 
 
-def _learner(config: RunConfig, folder: Path, drain: bool) -> Any:
+def _learner(config: RunConfig, folder: Path, drain: bool, namespace: str) -> Any:
     plain = config.model_dump(mode="json")
-    return _process("learner", serve.main, plain, str(folder), drain)
+    return _process("learner", serve.main, plain, str(folder), drain, namespace)
+
+
+@contextmanager
+def _far_apart(link: LinkPlan | None) -> Iterator[tuple[str, str]]:
+    """The namespaces of learner and actors, a wire between them; empty ones without ``link``."""
+    if link is None:
+        yield "", ""
+        return
+    with Hosts() as hosts:
+        for name in ("learner", "actors"):
+            hosts.add(name)
+        ends = ("learner", f"{_LEARNER}/24", "actors", "192.0.2.2/24")
+        wire = hosts.wire(*ends, delay=0.5 * link.round_trip, loss=link.loss, seed=1)
+        hosts.congestion(wire, link.congestion)
+        yield hosts.namespace("learner"), hosts.namespace("actors")
 
 
 def _part(
-    config: RunConfig, chunk: Path, folder: Path, first: int, count: int, period: float
+    config: RunConfig,
+    chunk: Path,
+    folder: Path,
+    first: int,
+    count: int,
+    period: float,
+    namespace: str,
 ) -> Any:
     plain = config.model_dump(mode="json")
-    book = str(folder / f"{first:04d}.book")
-    part = play.Part(config.transport.endpoint, plain, str(chunk), book, first, count, period)
+    book, endpoint = str(folder / f"{first:04d}.book"), config.transport.endpoint
+    part = play.Part(endpoint, plain, str(chunk), book, first, count, period, namespace)
     return _process(f"process of actors from {first}", play.main, part)
 
 

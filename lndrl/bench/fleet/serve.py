@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 _NEVER = 10**9  # updates between two checkpoints: a drain has nothing to keep
 
 
-def main(config: dict[str, Any], folder: str, drain: bool, channel: Connection) -> None:
-    """Serve until told to stop; entry of the process."""
+def main(
+    config: dict[str, Any], folder: str, drain: bool, namespace: str, channel: Connection
+) -> None:
+    """Serve until told to stop; entry of the process. ``namespace``: of its host, if not here."""
     from learner.run.record import quiet_tensorboard
-    from lndrl.transport import open_learner
+    from lndrl.chaos.wire import enter
+    from lndrl.transport import Security, open_learner
 
     def tell(kind: str, *what: Any) -> None:
         channel.send_bytes(json.dumps([kind, *what]).encode())
@@ -32,7 +35,10 @@ def main(config: dict[str, Any], folder: str, drain: bool, channel: Connection) 
     run = parse_config(config, "bench fleet")
     raise_file_limit()
     quiet_tensorboard()
-    door = open_learner(run.transport)
+    if namespace:
+        enter(namespace)
+    # Nobody else is in a namespace of ours.
+    door = open_learner(run.transport, security=Security("learner", insecure=bool(namespace)))
     try:
         _serve(run, Path(folder), door, drain, channel, tell)
     finally:

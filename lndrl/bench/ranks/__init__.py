@@ -22,6 +22,7 @@ from lndrl.machine.cores import THREAD_VARIABLES
 from lndrl.machine.ports import free_port
 
 MINIBATCH = 1024
+_COLUMNS = ("scan", "pedestrians", "pedestrian_count", "goal")
 _STEPS = 2  # gradient steps of a turn
 _RANKS = 2
 _LEAST_TURNS = 5
@@ -43,8 +44,8 @@ def measure(seconds: float) -> dict[str, Any]:
         file = Path(place) / "observations.npz"
         config = hybrid_config(["ppo.teacher=null", "learner.privileged_critic=false"])
         seen = observations(config, MINIBATCH, _STEPS)
-        names = ("scan", "pedestrians", "pedestrian_count", "goal")
-        np.savez(file, **{n: np.concatenate([getattr(each, n) for each in seen]) for n in names})
+        columns = [[getattr(each, name) for each in seen] for name in _COLUMNS]
+        np.savez(file, *map(np.concatenate, columns))
         alone = [stack.enter_context(_Worker(file, cores[0]))]
         port = free_port("127.0.0.1")
         both = [stack.enter_context(_Worker(file, cores[r], r, port)) for r in range(_RANKS)]

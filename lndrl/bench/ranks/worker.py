@@ -23,7 +23,7 @@ if __name__ == "__main__":
     keep_freed_memory()
     team = Team.of_environment()
     with np.load(sys.argv[1]) as kept, with_settings(sys.argv[3:]):
-        seen = Observation(**dict(kept))
+        seen = Observation(*kept.values())
         plain = ["ppo.epochs=1", "ppo.teacher=null", "learner.privileged_critic=false"]
         config = hybrid_config([*plain, f"ppo.minibatch_size={MINIBATCH}"])
     ppo = PPO(config, team=team)

@@ -17,6 +17,7 @@ _PLACES = {
     "actor": "every actor machine",
     "dashboard": "where dashboards run",
     "evaluator": "where an evaluator runs",
+    "site": "the door of a site (lndrl site)",
 }
 
 
@@ -33,6 +34,15 @@ def certs(
             show_default=False,
         ),
     ] = None,
+    site_host: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--site-host",
+            metavar="NAME_OR_ADDRESS",
+            help="How a site's actors reach its door (lndrl site); several may follow.",
+            show_default=False,
+        ),
+    ] = None,
     days: Annotated[
         int, typer.Option("--days", min=1, max=3650, metavar="D", help="Days of validity.")
     ] = 365,
@@ -41,7 +51,7 @@ def certs(
         typer.Option(
             "--renew",
             metavar="ROLE",
-            help="New certificates for these roles (learner, actor, dashboard, evaluator),"
+            help="New certificates for these roles (learner, actor, dashboard, evaluator, site),"
             " same authority.",
             show_default=False,
         ),
@@ -50,13 +60,15 @@ def certs(
     """Make a certificate authority and a certificate for every role."""
     from lndrl.transport.security import certificates
 
-    hosts = host or []
+    hosts, sites = host or [], site_host or []
     if not renew:
-        ends = certificates.create(out, hosts, days)
+        ends = certificates.create(out, hosts, days, site_hosts=sites)
     elif hosts and "learner" not in renew:
         raise UserError("--host: only the learner's certificate holds hosts; add --renew learner")
+    elif sites and "site" not in renew:
+        raise UserError("--site-host: only a site's certificate holds these; add --renew site")
     else:
-        ends = certificates.renew(out, renew, hosts, days)
+        ends = certificates.renew(out, renew, hosts, days, site_hosts=sites)
     _explain(out, ends)
 
 

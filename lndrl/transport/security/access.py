@@ -24,7 +24,7 @@ from lndrl.transport.keys import (
     in_namespace,
 )
 
-ROLES = ("learner", "actor", "dashboard", "evaluator")
+ROLES = ("learner", "actor", "dashboard", "evaluator", "site")
 EVERY_UPLOAD = f"{UPLOAD}/**"
 EVERY_ACTOR = f"{ACTORS}/**"
 
@@ -59,6 +59,13 @@ RIGHTS = (
     Right("dashboard", "hear", STATUS),
     # What to validate and what came of it are asked and told under one key.
     *(Right("evaluator", "ask", key) for key in (VALIDATION, WEIGHTS, PING)),
+    # A site asks for all its actors and evaluators, and they appear through it.
+    *(
+        Right("site", "ask", key)
+        for key in (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, PING)
+    ),
+    Right("site", "hear", ANNOUNCE),
+    Right("site", "appear", EVERY_ACTOR),
     # A learner that is itself the router passes no rule; these serve one behind a router.
     *(
         Right("learner", "answer", key)

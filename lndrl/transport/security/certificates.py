@@ -1,8 +1,8 @@
 """A certificate authority of one's own and a certificate per role, for TLS on both sides.
 
 ECDSA on P-256: zenoh's rustls and Python's ssl both take it. A role's name is the certificate's
-common name, which zenoh's access control reads. Only the learner's may serve and carries host
-names (RFC 6125), so nobody can pose as the learner with an actor's certificate.
+common name, which zenoh's access control reads. Only those of the learner and of a site's door may
+serve and carry host names (RFC 6125), so nobody can pose as one with an actor's certificate.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from lndrl.errors import UserError
 
-ROLES = ("learner", "actor", "dashboard", "evaluator")
+ROLES = ("learner", "actor", "dashboard", "evaluator", "site")
+SERVING = ("learner", "site")
+"""Roles that others connect to: their certificates carry names."""
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 DEFAULT_DAYS = 365
 CA_DAYS = 3650
@@ -46,15 +48,20 @@ def common_name(role: str) -> str:
 
 
 def create(
-    folder: Path, hosts: Sequence[str], days: int = DEFAULT_DAYS, now: datetime | None = None
+    folder: Path,
+    hosts: Sequence[str],
+    days: int = DEFAULT_DAYS,
+    now: datetime | None = None,
+    site_hosts: Sequence[str] = (),
 ) -> dict[str, datetime]:
     """Write ca and one certificate with key per role; returns the end of each one's validity.
 
-    ``hosts`` are names and addresses by which others reach the learner; ``days`` is the validity
-    of the roles. Raises UserError when one of the files exists, nothing is written then.
+    ``hosts`` are names and addresses by which others reach the learner, ``site_hosts`` those of
+    the doors of sites; ``days`` is the validity of the roles. Raises UserError when one of the
+    files exists, nothing is written then.
     """
     now = now or datetime.now(UTC)
-    names = learner_hosts(hosts)
+    names = {"learner": learner_hosts(hosts), "site": learner_hosts(site_hosts, "--site-host")}
     taken = [name for name in _file_names() if (folder / name).exists()]
     if taken:
         raise UserError(
@@ -68,7 +75,7 @@ def create(
     }
     ends = {}
     for role in ROLES:
-        certificate, key = _issue(authority, role, names, days, now)
+        certificate, key = _issue(authority, role, names.get(role, []), days, now)
         files |= {f"{role}.pem": _pem(certificate), f"{role}.key": _key_pem(key)}
         ends[role] = certificate.not_valid_after_utc
     _write_new(folder, files)
@@ -81,18 +88,20 @@ def renew(
     hosts: Sequence[str] = (),
     days: int = DEFAULT_DAYS,
     now: datetime | None = None,
+    site_hosts: Sequence[str] = (),
 ) -> dict[str, datetime]:
     """Replace certificate and key of ``roles`` with new ones of the authority in ``folder``.
 
-    Without ``hosts`` the learner's keeps its names. Raises UserError where the authority is
-    missing, damaged or expired.
+    Without ``hosts`` the learner's keeps its names, without ``site_hosts`` a site's. Raises
+    UserError where the authority is missing, damaged or expired.
     """
     now = now or datetime.now(UTC)
     roles = check_roles(roles)
     authority = _load_authority(folder, now)
     ends = {}
     for role in roles:
-        names = _names_for(folder, hosts) if role == "learner" else []
+        given = {"learner": hosts, "site": site_hosts}.get(role, ())
+        names = _names_for(folder, role, given) if role in SERVING else []
         certificate, key = _issue(authority, role, names, days, now)
         _replace(folder / f"{role}.key", _key_pem(key))
         _replace(folder / f"{role}.pem", _pem(certificate))
@@ -109,12 +118,12 @@ def check_roles(roles: Iterable[str]) -> list[str]:
     return found
 
 
-def learner_hosts(hosts: Sequence[str]) -> list[str]:
+def learner_hosts(hosts: Sequence[str], option: str = "--host") -> list[str]:
     """``hosts`` and this machine's own names, without repetition.
 
     Raises UserError for what is neither a host name nor an address.
     """
-    return list(dict.fromkeys([_host(host) for host in hosts] + list(LOCAL_HOSTS)))
+    return list(dict.fromkeys([_host(host, option) for host in hosts] + list(LOCAL_HOSTS)))
 
 
 def host_names(certificate: x509.Certificate) -> list[str]:
@@ -150,7 +159,7 @@ def load_key(file: Path) -> ec.EllipticCurvePrivateKey:
     return key
 
 
-def _host(host: str) -> str:
+def _host(host: str, option: str) -> str:
     try:
         address = ipaddress.ip_address(host.strip("[]"))
     except ValueError:
@@ -162,16 +171,16 @@ def _host(host: str) -> str:
     # A name that ends in a number would be read as an address by some and refused by rustls.
     if len(host) > 253 or not all(map(LABEL.match, labels)) or labels[-1].isdecimal():
         raise UserError(
-            f"--host {host}: neither a host name nor an address;"
+            f"{option} {host}: neither a host name nor an address;"
             " write it like robot.lab or 192.168.1.5, without port"
         )
     return host.removesuffix(".").lower()
 
 
-def _names_for(folder: Path, hosts: Sequence[str]) -> list[str]:
+def _names_for(folder: Path, role: str, hosts: Sequence[str]) -> list[str]:
     if hosts:
-        return learner_hosts(hosts)
-    old = folder / "learner.pem"
+        return learner_hosts(hosts, "--host" if role == "learner" else "--site-host")
+    old = folder / f"{role}.pem"
     return host_names(load_certificate(old)) if old.exists() else learner_hosts([])
 
 
@@ -223,7 +232,7 @@ def _issue(
         )
     )
     purposes = [ExtendedKeyUsageOID.CLIENT_AUTH]
-    if role == "learner":
+    if role in SERVING:
         purposes.append(ExtendedKeyUsageOID.SERVER_AUTH)
         names = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
         builder = builder.add_extension(names, critical=False)

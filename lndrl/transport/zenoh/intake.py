@@ -28,7 +28,7 @@ class UploadIntake:
 
     def start(self, session: ZenohSession) -> Any:
         """Begin; what is returned must be kept for as long as uploads are to be answered."""
-        channel = zenoh.handlers.FifoChannel(CAPACITY)
+        channel: Any = zenoh.handlers.FifoChannel(CAPACITY)
         queryable = session.zenoh.declare_queryable(self._key, channel)
         session.pump("intake", queryable.handler, self._uploads.put)
         session.run("uploads", self._take)

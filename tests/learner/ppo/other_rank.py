@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from learner.ppo.example.stage import stage_of
 from learner.ppo.team import Team
 from learner.ppo.update import PPO, DivergedError
@@ -13,9 +11,8 @@ from tests.learner.ppo.team_cases import batches, config_of
 if __name__ == "__main__":
     team = Team.of_environment()
     assert team is not None
-    if sys.argv[1:] == ["dies"]:
-        sys.exit()
-    while (case := team.hear()["case"]) is not None:
+    while True:
+        case = team.hear()["case"]
         config = config_of(case)
         ppo = PPO(config, team=team)
         for batch in batches(case):
@@ -25,4 +22,3 @@ if __name__ == "__main__":
                 figures = {}
             team.gather({"figures": figures, "digest": digest_of(ppo)})
         ppo.close()
-    team.close()

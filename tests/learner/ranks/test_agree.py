@@ -125,7 +125,7 @@ def test_torchrun_starts_ranks_and_lockstep_is_refused_on_all(tmp_path: Path) ->
     command = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", "-m", "learner"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(
-        [sys.executable, *command, str(config), "--run", "mine"],
+        [sys.executable, *command, str(config), "--run-name", "mine"],
         cwd=tmp_path,
         env=environment,
         capture_output=True,

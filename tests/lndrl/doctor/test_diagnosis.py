@@ -135,6 +135,7 @@ def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> Non
         "actor": ALL_KEYS[:5],
         "dashboard": [PING, STATUS],
         "evaluator": [PING, WEIGHTS, VALIDATION],
+        "site": [*ALL_KEYS[:5], VALIDATION],
         "learner": ["lndrl/**"],
     }
     with learner("tls", mutual(folder) | access(roles)) as endpoint:

@@ -40,6 +40,7 @@ PASSWORDS = {
     "actor-lab3": "walks near",
     "dashboard": "sees",
     "evaluator": "tests",
+    "site": "stands between",
     "learner": "l",
 }
 

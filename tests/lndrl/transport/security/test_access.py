@@ -25,8 +25,7 @@ KEYS = (
 )
 ACTIONS = ("ask", "answer", "hear", "say", "delete", "appear", "watch")
 
-# Everything that actors, dashboards and evaluators must not do, key by key; the rest is what they
-# are for.
+# Everything that whoever is no learner must not do, key by key; the rest is what they are for.
 MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
     "actor": {
         "ask": (STATUS, VALIDATION, EVERY_ACTOR, ANYTHING),
@@ -53,6 +52,15 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
         "say": KEYS,
         "delete": KEYS,
         "appear": KEYS,
+        "watch": KEYS,
+    },
+    "site": {
+        "ask": (STATUS, EVERY_ACTOR, ANYTHING),
+        "answer": KEYS,
+        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, STATUS, VALIDATION, PING, EVERY_ACTOR, ANYTHING),
+        "say": KEYS,
+        "delete": KEYS,
+        "appear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING, ANYTHING),
         "watch": KEYS,
     },
 }
