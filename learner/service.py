@@ -53,6 +53,8 @@ def run_learner(
     try:
         learner = Learner(config, path, door, resume, checkpoint, quiet, crew)
         learner.events.add("listen", config.transport.endpoint)
+        if team is not None:
+            learner.events.add("ranks", f"{team.size}, on {', '.join(dict.fromkeys(team.hosts))}")
         status = StatusThread(learner)
         status.start()
         on_ready(learner)

@@ -98,7 +98,6 @@ class _Worker:
             env=this_program() | dict.fromkeys(THREAD_VARIABLES, "1") | job,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
             encoding="utf-8",
         )
 

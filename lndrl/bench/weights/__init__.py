@@ -16,11 +16,10 @@ from lndrl.bench.scene import hybrid_config, observations
 from lndrl.config import RunConfig
 from lndrl.config.shipped import SHIPPED_POLICY
 from lndrl.navigation import Observation
-from lndrl.policy import PolicyRunner
+from lndrl.policy import PolicyRunner, read_policy
 
 _SAMPLES = 512
 _BATCHES = 4
-_PLAIN = ("ppo.teacher=null", "learner.privileged_critic=false", "ppo.epochs=1")
 _KINDS = ("float32", "float16")
 
 
@@ -35,7 +34,7 @@ def measure(seconds: float) -> dict[str, Any]:
     ``update_kl`` is what those eight steps themselves have changed, to compare with. Megabytes are
     10^6 bytes, times those of making a blob and of loading it, one core.
     """
-    config = hybrid_config(_PLAIN)
+    config = _config()
     seen = observations(config, _SAMPLES, _BATCHES)
     ppo = PPO(config)
     try:
@@ -57,6 +56,19 @@ def measure(seconds: float) -> dict[str, Any]:
         answers[kind], figures[kind]["load_seconds"] = _answers(config, blob, seen)
     whole, rounded = (answers[kind] for kind in _KINDS)
     return {**figures, **effect(whole, rounded), "update_kl": _kl(before, whole)}
+
+
+def _config() -> RunConfig:
+    """That of the shipped policy, on hybrid and by reward alone."""
+    own = read_policy(SHIPPED_POLICY).config
+    plain = {"privileged_critic": False, "average": 0.0, "acting": "current"}
+    return own.model_copy(
+        update={
+            "scenario": hybrid_config().scenario,
+            "ppo": own.ppo.model_copy(update={"teacher": None, "epochs": 1}),
+            "learner": own.learner.model_copy(update={**plain, "device": "cpu"}),
+        }
+    )
 
 
 def effect(whole: NDArray[np.float64], rounded: NDArray[np.float64]) -> dict[str, float]:

@@ -49,7 +49,8 @@ def turn(monkeypatch: pytest.MonkeyPatch):
         learner = SimpleNamespace(
             figures={"kl": 0.1} if updates else {},
             split=SimpleNamespace(shares=lambda window: {"wait": waits}),
-            roster=SimpleNamespace(shares=lambda window: {"wait": idle}, retire=retired.append),
+            whole=SimpleNamespace(actor_shares=lambda window: {"wait": idle}),
+            roster=SimpleNamespace(retire=retired.append),
             events=SimpleNamespace(add=lambda kind, text: events.append((kind, text))),
         )
         now = 50.0
