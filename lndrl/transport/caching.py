@@ -85,12 +85,18 @@ class WeightsCache:
             replies = self._waiting.pop(key, [])
             if found is not None and found.size:
                 self.fetched += 1
-                if found.news.learner_incarnation == self._learner and key:
-                    self._kept[key] = found
-                    while len(self._kept) > KEPT:
-                        del self._kept[next(iter(self._kept))]
+                self._keep(key, found)
         for reply in replies:
             reply(found)
+
+    def _keep(self, key: str, found: Found) -> None:
+        news = found.news
+        if not key and not self._learner:  # asked for before anything was announced
+            self._learner, self._newest = news.learner_incarnation, news.version
+        if news.learner_incarnation == self._learner:
+            self._kept[key or str(news.version)] = found
+            while len(self._kept) > KEPT:
+                del self._kept[next(iter(self._kept))]
 
     def _once_more(self, reply: Reply, wanted: str) -> Reply:
         """``reply``; but who asked for the newest gets what is newest when that is gone."""

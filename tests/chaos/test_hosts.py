@@ -71,9 +71,16 @@ def test_a_wire_is_as_long_as_it_should_be_and_nat_hides_who_asks() -> None:
         server.communicate(timeout=PATIENCE)
     seconds = [float(line) for line in rounds.split()]
     assert len(seconds) == 5 and min(seconds) >= 0.06
-    with pytest.raises(UserError, match="ip netns"):
-        hosts.add("learner") or hosts.add("learner")
-    hosts.__exit__()
+
+
+@needs_hosts
+def test_two_hosts_of_one_name_are_refused_and_none_is_left() -> None:
+    with Hosts() as hosts:
+        hosts.add("learner")
+        with pytest.raises(UserError, match="ip netns add"):
+            hosts.add("learner")
+    left = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True).stdout
+    assert hosts.namespace("learner") not in left
 
 
 @needs_hosts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ class Template:
         return bytes(self._bytes)
 
 
-def collect(config: RunConfig, worlds: int) -> dict[str, NDArray[np.generic]]:
+def collect(config: RunConfig, worlds: int) -> dict[str, Any]:
     """A chunk of ``worlds`` worlds under first weights, as an actor collects it."""
     from actors.rollout import Rollout
     from lndrl.machine.threads import set_threads
@@ -66,7 +67,8 @@ def main() -> None:
     from lndrl.bench.fleet.scene import fleet_config
 
     file, worlds, *settings = sys.argv[1:]
-    np.savez(Path(file), **collect(fleet_config(settings), int(worlds)))
+    arrays: dict[str, Any] = collect(fleet_config(settings), int(worlds))
+    np.savez(Path(file), **arrays)
 
 
 if __name__ == "__main__":  # in a process of its own, which gives its memory back

@@ -117,7 +117,6 @@ def _stand_in(*options: str) -> Iterator[tuple[Link, subprocess.Popen[str]]]:
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        text=True,
         encoding="utf-8",
         preexec_fn=_anywhere,
     )

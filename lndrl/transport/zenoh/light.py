@@ -147,5 +147,6 @@ class LightActor:
             answer, _ = decode(sample.payload.to_bytes(), Welcome, Refusal)
             if isinstance(answer, Refusal):
                 raise UserError(f"the learner at {self._endpoint} refused: {answer.reason}")
+            assert isinstance(answer, Welcome)
             return answer
         raise LearnerUnreachableError(f"no learner answers at {self._endpoint}")

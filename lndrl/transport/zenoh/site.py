@@ -160,8 +160,7 @@ class ZenohSite:
 
     def _listen_up(self) -> None:
         """Hear announcements over the present session, and let members appear there."""
-        handler = zenoh.handlers.RingChannel(1)
-        self._news = self._up.zenoh.declare_subscriber(ANNOUNCE, handler)
+        self._news = self._up.zenoh.declare_subscriber(ANNOUNCE, zenoh.handlers.RingChannel(1))
         self._up.pump("site-news", self._news.handler, self._on_news)
         for key in list(self._tokens):
             self._appear(key)

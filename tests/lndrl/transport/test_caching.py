@@ -109,7 +109,9 @@ def test_before_the_first_announcement_the_learner_is_asked() -> None:
     asker = Asker(learner)
     assert learner.asked == [""]
     learner.answer(3)
-    assert asker.version == 3
+    assert asker.version == 3 and Asker(learner).version == 3
+    learner.announce(3)
+    assert learner.asked == [""] and Asker(learner, "3").version == 3
 
 
 def test_only_the_newest_are_kept() -> None:

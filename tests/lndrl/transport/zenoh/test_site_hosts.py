@@ -71,12 +71,14 @@ def test_a_link_carries_each_version_once() -> None:
         wire = hosts.wire("learner", "192.0.2.1/24", "gateway", "192.0.2.2/24", delay=0.02)
         program = [sys.executable, "-c"]
         learner = hosts.start("learner", [*program, LEARNER], env=this_program(), **pipes)
+        assert learner.stdin is not None and learner.stdout is not None
         assert learner.stdout.readline() == "1\n"
         words = "site --connect tcp/192.0.2.1:7447 --listen tcp/10.77.0.2:7447 --insecure".split()
         site = hosts.start(
             "site", [sys.executable, "-m", "lndrl", *words], env=this_program(),
             stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
+        assert site.stderr is not None
         assert "actors of this site" in site.stderr.readline()
         for version in (1, 2):
             before = wire.carried()[0]
