@@ -101,13 +101,14 @@ def test_a_late_ack_makes_the_same_sequence_come_again_and_only_that(opened):
     handlers = CountingHandlers()
     learner = opened(open_learner(config))
     came: list[str] = []
-    put = learner._uploads.put
+    queue = learner._uploads._uploads
+    put = queue.put
 
     def note_coming(query: zenoh.Query) -> None:
         put(query)
         came.append(str(query.key_expr))
 
-    learner._uploads.put = note_coming
+    queue.put = note_coming
     actor = joined(opened, config, handlers, learner)
     left: list[float] = []
     carry = actor._send
