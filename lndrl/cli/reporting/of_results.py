@@ -12,7 +12,7 @@ from lndrl.errors import UserError
 from lndrl.view.report.parts import Page, Section
 
 if TYPE_CHECKING:
-    from lndrl.evaluation.benchmark import Recorded, ResultsFolder
+    from lndrl.evaluation.benchmark import Recorded, ResultsFolder, Row
     from lndrl.evaluation.benchmark.results import Results
     from lndrl.view.pictures.worst import Panel
 
@@ -52,16 +52,33 @@ def _gallery(folder: ResultsFolder, results: Results, count: int) -> Section:
     from lndrl.view.report.bench import worst_table
     from lndrl.view.report.episodes import gallery_section
 
-    method = results.reference.method
-    rows = worst_episodes(folder, method, results.reference.scenarios, count)
-    try:
-        panels = _driven_again(folder, method, rows)
-    except UserError as error:
-        say_notes([f"the worst episodes of {method} are listed, not drawn: {error}"])
-        words = f"The worst of {method} cannot be driven again here ({error})"
-        return gallery_section([], words, [worst_table(rows, method)])
-    words = f"The {len(panels)} worst of {method} in all scenarios, driven again"
-    return gallery_section(panels, words, [worst_table(rows, method)])
+    reference = results.reference
+    told, tables = "", []
+    for row in (reference, *_others(results)):
+        rows = worst_episodes(folder, row.method, row.scenarios, count)
+        if row is reference:
+            tables.append(worst_table(rows, row.method))
+        try:
+            panels = _driven_again(folder, row.method, rows)
+        except UserError as error:
+            if row is reference:
+                say_notes([f"the worst episodes of {row.method} are listed, not drawn: {error}"])
+                told = f"{row.method} cannot be driven again here, so its worst are listed below. "
+            continue
+        words = f"{told}The {len(panels)} worst of {row.method} in all scenarios, driven again"
+        return gallery_section(panels, words, tables)
+    return gallery_section([], told.removesuffix(". "), tables)
+
+
+def _others(results: Results) -> list[Row]:
+    """Rows that are shown where the reference cannot be driven again: who arrives most, first.
+
+    Who is told the truth never gets lost, and shows little.
+    """
+    methods = results.identity.methods
+    amcl = [row for row in results.rows if methods[row.method].get("localization") != "perfect"]
+    others = [row for row in amcl if row is not results.reference]
+    return sorted(others, key=lambda row: -row.metrics.arrival.value)
 
 
 def _driven_again(folder: ResultsFolder, method: str, rows: Sequence[Recorded]) -> list[Panel]:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 _TONES: dict[str, Tone] = {FINISHED: "good", DAMAGED: "bad", TRAINING: "quiet"}
 _EVENTS = 40
-_SHOWN = 3  # trajectories
+_SHOWN = 4  # trajectories
 _LONGEST = 200  # characters of a value
 
 

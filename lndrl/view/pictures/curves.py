@@ -168,7 +168,7 @@ def save_curves(
 
 
 def outcomes_figure(
-    rows: Sequence[Row], validated: Sequence[Row] = (), size: tuple[float, float] = (6.2, 3.9)
+    rows: Sequence[Row], validated: Sequence[Row] = (), size: tuple[float, float] = (5.2, 3.7)
 ) -> Figure:
     """The large panel of ``save_curves`` alone, ``size`` inches; ``rows`` are one or more."""
     figure, axes, steps = _panel(rows, size)
@@ -190,6 +190,7 @@ def series_figure(
     _draw_series(axes, steps, column(rows, key), colour)
     dress(axes, name)
     axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     return figure
 
 

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.view.palette import OUTCOME_WORD
+from lndrl.view.pictures.rates import Share, rates_figure
+from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,
     Facts,
     Folded,
+    Gallery,
     Part,
+    Picture,
     Section,
     Table,
     Text,
@@ -27,6 +32,12 @@ if TYPE_CHECKING:
 
 _PUBLISHED = "  published"
 _PAIRED = [f"{what} ({how})" for how in ("arrived", "lost") for what in ("points", "p", "pairs")]
+_PAPER_FIELDS = {
+    "arrived": ("arrival", "ar"),
+    "collided": ("collision", "cr"),
+    "lost": ("lost", "lr"),
+}
+"""A method's rate and the field of the paper's row, by outcome."""
 _VERDICT_TONE: dict[str, Tone] = {
     VERDICT[True]: "good",
     VERDICT[False]: "bad",
@@ -40,7 +51,12 @@ def results_sections(results: Results) -> list[Section]:
     head, rows = metric_rows(results, "\n")
     published = frozenset(i for i, row in enumerate(rows) if row[0] == _PUBLISHED)
     named = [(_name(rows, i), *row[1:]) for i, row in enumerate(rows)]
-    parts: list[Part | Folded] = [_tiles(results), Table(whole, head, named, quiet=published)]
+    charts = [_rates(results, outcome) for outcome in _PAPER_FIELDS]
+    parts: list[Part | Folded] = [
+        _tiles(results),
+        Gallery(charts, 300),
+        Table(whole, head, named, quiet=published),
+    ]
     parts += [Text(note) for note in results.notes()]
     sections = [
         Section("table", "The table beside the paper's", parts),
@@ -122,7 +138,7 @@ def _tiles(results: Results) -> Tiles:
     row = results.reference
     metrics, hazard = row.metrics, row.hazard
     tiles = []
-    for outcome, name in (("arrived", "arrival"), ("collided", "collision"), ("lost", "lost")):
+    for outcome, (name, _) in _PAPER_FIELDS.items():
         rate = getattr(metrics, name)
         low, high = (100 * end for end in rate.interval)
         note = f"{low:.1f}–{high:.1f} % of {rate.episodes:,}"
@@ -133,6 +149,26 @@ def _tiles(results: Results) -> Tiles:
     note = f"{low:.2f}–{high:.2f} per 1,000 control steps"
     tiles.append(Tile(f"{row.method}: hazard", f"{hazard.value:.2f}", note, "quiet"))
     return Tiles(tiles)
+
+
+def _rates(results: Results, outcome: str) -> Picture:
+    """How often each method ended so, beside what the paper has."""
+    name, field = _PAPER_FIELDS[outcome]
+    shares = []
+    for row in results.rows:
+        rate, paper = getattr(row.metrics, name), PAPER.get(row.method)
+        published = None if paper is None else float(getattr(paper, field))
+        shares.append(Share(row.method, rate.value, rate.interval, published))
+    word = OUTCOME_WORD[outcome]
+    told = (
+        f"{share.method} {percent(share.value)}"
+        + (f" (paper {percent(share.published)})" if share.published is not None else "")
+        for share in shares
+    )
+    alt = f"Chart of the share of episodes that ended {word}, by method: {'; '.join(told)}."
+    return chart(
+        f"rates-{outcome}", rates_figure(outcome, shares), alt, f"Episodes that ended {word}"
+    )
 
 
 def _name(rows: Sequence[Sequence[str]], i: int) -> str:

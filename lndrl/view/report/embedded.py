@@ -9,12 +9,20 @@ import re
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from lndrl.view.palette import INK, PAPER, SLATE
+from lndrl.view.palette import BLUE, GREEN, INK, PAPER, PINK, SLATE, VERMILLION
 from lndrl.view.report.parts import Picture, Tone
 
 _PIXELS = 96  # of a page, per inch
-_THEMED = {INK: "var(--ink)", SLATE: "var(--grid)", PAPER: "var(--card)"}
-"""Colours that follow the page's; all others are read on light and on dark."""
+_THEMED = {
+    INK: "var(--ink)",
+    SLATE: "var(--grid)",
+    PAPER: "var(--card)",
+    BLUE: "var(--blue)",
+    GREEN: "var(--green)",
+    VERMILLION: "var(--red)",
+    PINK: "var(--pink)",
+}
+"""Colours that words are written in too: on light and on dark they must be read."""
 _ID = re.compile(r'\b(id="|xlink:href="#|url\(#)')
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from lndrl.evaluation import EvaluationResult
     from lndrl.evaluation.benchmark import Drive
     from lndrl.evaluation.filmed import Look
+    from lndrl.evaluation.hazard import Hazard
     from lndrl.evaluation.lost import LostReport
     from lndrl.scenario import Scenario
 
@@ -88,7 +89,10 @@ def _trajectory(drive: Drive) -> Picture:
     )
     figure = trajectories_figure([drive])
     caption = f"Episode {drive.episode}: {drive.reason}"
-    return drawing(figure, alt, caption, dpi=130, **_ended(drive.record.outcome))
+    ended = drive.record.outcome
+    return drawing(
+        figure, alt, caption, dpi=130, badge=OUTCOME_WORD[ended], tone=OUTCOME_TONE[ended]
+    )
 
 
 def lost_section(report: LostReport, scenario: Scenario) -> Section:
@@ -130,10 +134,7 @@ def _losses(report: LostReport) -> Table:
     return Table("Every lost episode.", head, rows, words=frozenset({0, 1}))
 
 
-def _hazard(hazard: object) -> tuple[str, str]:
-    from lndrl.evaluation.hazard import Hazard
-
-    assert isinstance(hazard, Hazard)
+def _hazard(hazard: Hazard) -> tuple[str, str]:
     if not hazard.steps:
         return "–", "–"
     low, high = hazard.interval
@@ -187,11 +188,10 @@ def _panel(panel: Panel, place: int) -> Picture:
         f"its belief was {drive.record.position_error:.2f} m off on average."
     )
     caption = f"{place}. {where}: {drive.reason}{again}"
-    return drawing(figure, alt, caption, dpi=190, **_ended(drive.record.outcome))
-
-
-def _ended(outcome: str) -> dict[str, str]:
-    return {"badge": OUTCOME_WORD[outcome], "tone": OUTCOME_TONE[outcome]}
+    ended = drive.record.outcome
+    return drawing(
+        figure, alt, caption, dpi=190, badge=OUTCOME_WORD[ended], tone=OUTCOME_TONE[ended]
+    )
 
 
 def _sentence(line: str) -> str:
