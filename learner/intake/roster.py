@@ -243,6 +243,7 @@ class Roster:
                     "worlds": member.worlds,
                     "state": member.state(now),
                     "last_ack_age": age,
+                    "gone_for": None if member.alive else max(0.0, now - member.left),
                     "kernels_ready": member.kernels[0],
                     "kernels_needed": member.kernels[1],
                     "lag": max(0, weights_version - member.version),

@@ -92,6 +92,7 @@ class ActorStatus(StatusModel):
     worlds: Count = 0
     state: str = Field("active", description="active, slow or gone")
     last_ack_age: Amount | None = Field(None, description="s since its last acknowledged chunk")
+    gone_for: Amount | None = Field(None, description="s since it has gone; None while here")
     kernels_ready: Count = Field(0, description="while it compiles: kernels that it has")
     kernels_needed: Count = Field(0, description="of so many that it needs; 0 once it has begun")
     lag: Count = Field(0, description="weights versions behind the learner")

@@ -18,6 +18,7 @@ from lndrl.cli.security import (
     client_transport,
     connecting,
 )
+from lndrl.errors import UserError
 
 
 def dashboard(
@@ -28,6 +29,9 @@ def dashboard(
     json: Annotated[
         bool, typer.Option("--json", help="Print a JSON object per update instead of drawing.")
     ] = False,
+    theme: Annotated[
+        str, typer.Option("--theme", help="Colours for a dark or a light terminal: auto asks it.")
+    ] = "auto",
     certs: Certificates = None,
     user: User = None,
     password_file: PasswordFile = None,
@@ -36,16 +40,19 @@ def dashboard(
 ) -> None:
     """Watch a running learner from another terminal.
 
-    On a terminal: a live view, q quits. Elsewhere: one line per update. It only reads, so it can
-    neither slow nor harm the training. When the learner goes away it keeps trying.
+    On a terminal: a live view, ? shows its keys, q leaves. Elsewhere: one line per update. It only
+    reads, so it can neither slow nor harm the training. When the learner goes away it keeps trying.
     """
     from rich.console import Console
 
     from lndrl.transport import open_viewer
     from lndrl.view.dashboard.feed import Feed, first_news
     from lndrl.view.dashboard.live import json_line, show_json, show_lines, show_live, show_once
+    from lndrl.view.dashboard.theme import THEMES
 
     endpoint = check_endpoint(connect, "--connect")
+    if theme not in THEMES:
+        raise UserError(f"--theme {theme}: unknown; write {', '.join(THEMES)}")
     transport = client_transport(endpoint, namespace)
     security = connecting("dashboard", certs, user, password_file, zenoh)
     viewer = open_viewer(endpoint, transport, security)
@@ -54,13 +61,13 @@ def dashboard(
     try:
         news = first_news(viewer, endpoint)
         if once:
-            print(json_line(news)) if json else show_once(news, console)
+            print(json_line(news)) if json else show_once(news, console, theme)
             return
         feed = Feed(lambda: open_viewer(endpoint, transport, security), viewer, news)
         if json:
             show_json(feed, _write)
         elif console.is_terminal and not console.is_dumb_terminal:
-            show_live(feed, console)
+            show_live(feed, console, theme)
         else:
             show_lines(feed, _write)
     except BrokenPipeError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -285,36 +285,35 @@ class _Lines:
 
 
 class _Screen:
-    """The dashboard, drawn in this terminal."""
+    """The dashboard, drawn in this terminal, with its keys but for q: Ctrl-C ends a training."""
 
     def __init__(self, learner: Learner) -> None:
         from rich.console import Console
-        from rich.live import Live
 
         self._learner = learner
         self._console = Console(highlight=False)
-        self._live = Live(console=self._console, screen=True, auto_refresh=False)
+        self._stack = ExitStack()
 
     def __enter__(self) -> _Screen:
-        self._live.__enter__()
+        from lndrl.view.dashboard.board import Board
+        from lndrl.view.dashboard.keys import key_presses
+
+        keys = self._stack.enter_context(key_presses())
+        board = Board(self._console, keys, leaving="Ctrl-C stops, --resume goes on", leaves=False)
+        self._board = self._stack.enter_context(board)
         return self
 
     def __exit__(self, *details: object) -> None:
-        with suppress(OSError):
-            self._live.__exit__(None, None, None)
+        self._stack.close()
 
     def update(self) -> None:
-        """Redraw."""
-        from lndrl.transport.status import parse_history
-        from lndrl.view.dashboard.screen import render
+        """Heed the keys, and redraw what is new."""
+        from learner.status import snapshot
+        from lndrl.view.dashboard.feed import news_of
 
-        width, height = self._console.size
-        history = parse_history(list(self._learner.history))
-        picture = render(
-            _status(self._learner), history, width, height, 0.0, "Ctrl-C stops, --resume goes on"
-        )
+        reply = {"snapshot": snapshot(self._learner), "history": list(self._learner.history)}
         with suppress(OSError):  # of a terminal that is gone
-            self._live.update(picture, refresh=True)
+            self._board.turn(news_of(reply), 0.0)
 
 
 def _status(learner: Learner) -> Status:

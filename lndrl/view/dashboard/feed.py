@@ -50,9 +50,12 @@ class News:
 
 def ask(viewer: Viewer, timeout: float = PATIENCE) -> News:
     """One question; raises UserError or the transport's own error."""
-    raw = viewer.status(timeout)
-    status, history = parse_reply(raw)
-    return News(status, history, raw)
+    return news_of(viewer.status(timeout))
+
+
+def news_of(reply: dict[str, Any]) -> News:
+    """News from ``{"snapshot": ..., "history": [...]}``; raises UserError for anything else."""
+    return News(*parse_reply(reply), reply)
 
 
 class Feed:

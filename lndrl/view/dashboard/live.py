@@ -3,95 +3,32 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from collections.abc import Callable
+from typing import Any
 
-from rich.console import Console
-from rich.live import Live
+from rich.console import Console, Group
 
+from lndrl.view.dashboard.board import Board
 from lndrl.view.dashboard.feed import Feed, News, plain_json
-from lndrl.view.dashboard.screen import plain_line, render
+from lndrl.view.dashboard.keys import key_presses
+from lndrl.view.dashboard.screen import draw, plain_line
+from lndrl.view.dashboard.theme import chosen, recoloured
 from lndrl.view.dashboard.verdict import STALE_AFTER, headline
+from lndrl.view.dashboard.view import View
 
 REDRAW_EVERY = 0.25
 LINE_EVERY = 30.0
 """s after which a line is printed even if nothing was learned."""
 
 
-class Keys:
-    """Single key presses, where standard input is a terminal."""
-
-    def __init__(self, stream: TextIO | None) -> None:
-        self._stream = stream
-
-    def pressed(self, wait: float) -> str:
-        """The next key within ``wait`` s, or nothing."""
-        if self._stream is None:
-            time.sleep(wait)
-            return ""
-        import os
-        import select
-
-        if not select.select([self._stream], [], [], wait)[0]:
-            return ""
-        data = os.read(self._stream.fileno(), 64)
-        if not data:  # the terminal has gone
-            self._stream = None
-        return data.decode(errors="ignore")[:1]
-
-
-@contextmanager
-def key_presses(stream: TextIO | None = None) -> Iterator[Keys]:
-    """Keys of ``stream`` (stdin) without Enter and echo; the terminal always gets its mode back."""
-    stream = stream or sys.stdin
-    before = _mode(stream)
-    if before is None:
-        yield Keys(None)
-        return
-    import termios
-    import tty
-
-    try:
-        # cbreak, not raw: Ctrl-C stays a signal and line ends stay line ends.
-        tty.setcbreak(stream.fileno())
-        yield Keys(stream)
-    finally:
-        with suppress(termios.error):  # the terminal may be gone
-            termios.tcsetattr(stream.fileno(), termios.TCSADRAIN, before)
-
-
-def _mode(stream: TextIO) -> list[Any] | None:
-    """The terminal's mode, None where ``stream`` is no terminal (or the system has no termios)."""
-    try:
-        import termios
-    except ImportError:
-        return None
-    try:
-        return termios.tcgetattr(stream.fileno())
-    except (AttributeError, OSError, ValueError, termios.error):
-        return None
-
-
-def show_live(feed: Feed, console: Console) -> None:
+def show_live(feed: Feed, console: Console, theme: str = "auto") -> None:
     """Redraw until q is pressed; raises KeyboardInterrupt on Ctrl-C, the terminal restored."""
-    with key_presses() as keys, Live(console=console, screen=True, auto_refresh=False) as live:
-        drawn: tuple[Any, ...] = ()
-        while True:
-            news = feed.newest
-            # Drawing anew only for news, another size or the next second of age spares the CPU
-            # that the training on this machine could use.
-            present = (id(news), console.size, round(news.age))
-            if present != drawn:
-                live.update(
-                    render(news.status, news.history, *console.size, news.age, "q quits"),
-                    refresh=True,
-                )
-                drawn = present
-            if keys.pressed(REDRAW_EVERY) in ("q", "Q"):
-                return
+    with key_presses() as keys:
+        board = Board(console, keys, theme)
+        with board:
+            while board.turn(feed.newest, REDRAW_EVERY):
+                pass
 
 
 def show_lines(feed: Feed, write: Callable[[str], Any], pause: float = REDRAW_EVERY) -> None:
@@ -132,10 +69,11 @@ def json_line(news: News, since: float = -1.0) -> str:
     return json.dumps(plain_json({"snapshot": news.raw["snapshot"], "history": new}))
 
 
-def show_once(news: News, console: Console) -> None:
+def show_once(news: News, console: Console, theme: str = "dark") -> None:
     """One picture of the present; plain characters and one line where there is no terminal."""
     if console.is_terminal and not console.is_dumb_terminal:
-        console.print(render(news.status, news.history, console.width), end="")
+        lines = draw(news.status, news.history, console.width, None, 0.0, View()).lines
+        console.print(Group(*recoloured(lines, chosen(theme))), end="")
     else:
         console.file.write(plain_line(news.status) + "\n")
 
@@ -143,7 +81,6 @@ def show_once(news: News, console: Console) -> None:
 __all__ = [
     "STALE_AFTER",
     "json_line",
-    "key_presses",
     "show_json",
     "show_lines",
     "show_live",

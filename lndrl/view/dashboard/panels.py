@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from rich.text import Text
 
-from lndrl.numbering import by_number
 from lndrl.transport.status import (
     ACTOR_ACTIVITIES,
     IMITATION,
     LEARNER_ACTIVITIES,
-    ActorStatus,
     HistoryRow,
     Status,
 )
@@ -41,7 +39,6 @@ from lndrl.view.palette import (
 )
 from lndrl.view.text import (
     BLOCKS,
-    MISSING,
     beside,
     duration,
     finite,
@@ -72,7 +69,6 @@ EVENT_COLOURS = {
     "error": BAD,
     "nan": BAD,
 }
-ACTOR_RANK = {"gone": 0, "slow": 1, "active": 2}
 
 
 @dataclass(frozen=True)
@@ -82,6 +78,8 @@ class Panel:
     title: str
     lines: list[Text] = field(default_factory=list)
     note: str = ""
+    shown: int = 0
+    """Rows of what scrolls."""
 
 
 def header(status: Status, width: int, stale_age: float, rows: int = 3) -> Panel:
@@ -263,119 +261,11 @@ def ppo_line(status: Status, width: int) -> Text:
     return fit(line, width)
 
 
-def worst_first(actors: Sequence[ActorStatus]) -> list[ActorStatus]:
-    """Gone before slow before active; within these, silent and lagging ones first.
-
-    Ages count in steps of 5 s so that rows do not swap places at every redraw.
-    """
-    return sorted(
-        actors,
-        key=lambda a: (
-            ACTOR_RANK.get(a.state, 1),
-            -math.floor((a.last_ack_age or 0.0) / 5.0),
-            -(a.lag // 2),
-            by_number(a.id),
-        ),
-    )
-
-
-@dataclass(frozen=True)
-class _Column:
-    title: str
-    width: int
-    value: Callable[[ActorStatus], str]
-    priority: int
-    """Columns of the highest number are the first to go on a narrow terminal."""
-    left: bool = False
-
-
-COLUMNS = (
-    _Column("actor", 14, lambda a: a.id, 0, left=True),
-    _Column("host", 14, lambda a: a.host, 5, left=True),
-    _Column("state", 6, lambda a: a.state, 0, left=True),
-    _Column("worlds", 6, lambda a: str(a.worlds), 4),
-    _Column("steps/s", 7, lambda a: number(a.rate), 1),
-    _Column("lag", 4, lambda a: str(a.lag), 1),
-    _Column("last ack", 10, lambda a: duration(a.last_ack_age), 1),
-    _Column("restarts", 8, lambda a: str(a.restarts), 3),
-    _Column("steps", 9, lambda a: f"{a.steps:,}", 6),
-)
-SPLIT_ROOM = 20
-
-
-def actors(status: Status, width: int, rows: int) -> Panel:
-    """At most ``rows`` lines: a heading, the worst actors, and how many more there are."""
-    listed = worst_first(status.actors)
-    states = [actor.state for actor in listed]
-    counts = [f"{states.count(state)} {state}" for state in dict.fromkeys(reversed(states))]
-    note = ", ".join(counts)
-    if not listed:
-        return Panel("actors", [fit(styled("none has joined", "dim"), width)], note)
-    columns = _columns(width)
-    used = sum(column.width + 2 for column in columns)
-    split = width - used if width - used >= SPLIT_ROOM else 0
-    lines = [_actor_heading(columns, split)]
-    shown = listed if len(listed) <= rows - 1 else listed[: max(rows - 2, 0)]
-    lines.extend(_actor_row(actor, columns, split) for actor in shown)
-    rest = listed[len(shown) :]
-    if rest:
-        kinds = list(dict.fromkeys(actor.state for actor in rest))
-        words = f"+{len(rest)} more ({', '.join(kinds)})"
-        lines.append(styled(words, "dim"))
-    return Panel("actors", [fit(line, width) for line in lines[: max(rows, 1)]], note)
-
-
-def _columns(width: int) -> list[_Column]:
-    columns = list(COLUMNS)
-    while sum(column.width + 2 for column in columns) > width + 2:
-        last = max(columns, key=lambda column: column.priority)
-        if last.priority == 0:
-            break
-        columns.remove(last)
-    spare = width + 2 - sum(column.width + 2 for column in columns)
-    if 0 < spare < SPLIT_ROOM + 2:
-        columns[0] = replace(columns[0], width=columns[0].width + spare)
-    return columns
-
-
-def _actor_heading(columns: Sequence[_Column], split: int) -> Text:
-    words = [f"{c.title:<{c.width}}" if c.left else f"{c.title:>{c.width}}" for c in columns]
-    line = styled("  ".join(words), "dim")
-    if split:
-        line.append("  ")
-        names = [name if split >= 46 else name[:3] for name in ACTOR_ACTIVITIES]
-        for i, name in enumerate(names):
-            if sum(len(word) + 2 for word in names[: i + 1]) <= split:
-                line.append(f"{BLOCKS[i]}", style=PART_COLOURS[i])
-                line.append(f"{name} ", style="dim")
-    return line
-
-
-def _actor_row(actor: ActorStatus, columns: Sequence[_Column], split: int) -> Text:
-    line = Text()
-    colour = {"gone": BAD, "slow": WARNING}.get(actor.state, "default")
-    for i, column in enumerate(columns):
-        cell = Text(printable(column.value(actor)))
-        if column.left:
-            cell.truncate(column.width, overflow="ellipsis", pad=True)
-        else:
-            cell.align("right", column.width)
-        style = colour if column.title in ("actor", "state", "last ack") else "default"
-        cell.stylize(style)
-        line.append("  " if i else "").append_text(cell)
-    shares = named_shares(actor.time_split, ACTOR_ACTIVITIES)
-    if split and shares:
-        parts = [(s, PART_COLOURS[i % len(PART_COLOURS)]) for i, (_, s) in enumerate(shares)]
-        line.append("  ").append_text(stacked_bar(parts, split))
-    elif split:
-        line.append(f"  {MISSING}", style="dim")
-    return line
-
-
-def events(status: Status, width: int, rows: int) -> Panel:
-    """The newest ``rows`` lines of the log, newest last."""
+def events(status: Status, width: int, rows: int, back: int = 0) -> Panel:
+    """``rows`` lines of the log, newest last; ``back`` newer ones are left out."""
     lines = []
-    for event in status.events[max(len(status.events) - rows, 0) :]:
+    end = len(status.events) - min(back, max(len(status.events) - rows, 0))
+    for event in status.events[max(end - rows, 0) : end]:
         clock = time.strftime("%H:%M:%S", time.localtime(event.time))
         line = styled(f"{clock}  ", "dim")
         colour = EVENT_COLOURS.get(event.kind.lower(), "default")
@@ -383,4 +273,6 @@ def events(status: Status, width: int, rows: int) -> Panel:
         lines.append(line.append(printable(event.text), style="default"))
     if not lines:
         lines = [styled("nothing yet", "dim")]
-    return Panel("events", [fit(line, width) for line in lines])
+    newer = len(status.events) - end
+    note = f"{newer} newer below" if newer else ""
+    return Panel("events", [fit(line, width) for line in lines], note, shown=len(lines))

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from rich.console import Group
 from rich.text import Text
 
 from lndrl.transport.status import HistoryRow, Status
 from lndrl.view.dashboard import panels, validated
+from lndrl.view.dashboard.actors import actors, matching
 from lndrl.view.dashboard.panels import Panel
 from lndrl.view.dashboard.verdict import headline
+from lndrl.view.dashboard.view import Extent, View
+from lndrl.view.dashboard.zoom import help_panel, zoomed
 from lndrl.view.text import MISSING, duration, fit, number, styled
 
 NARROWEST = 40
@@ -22,6 +26,14 @@ SHORT = (28, 22)
 """Rows from which both sides' time has up to three rows, and from which it has two."""
 EVENTS_LISTED = 10
 """Events shown where the height is free (``--once``)."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Lines of exactly one width, and how much of what scrolls they show."""
+
+    lines: list[Text]
+    extent: Extent
 
 
 def render(
@@ -38,12 +50,28 @@ def render(
     renewed. ``hint`` (keys) stands beside the events. When rows are short, actors and events
     shrink first, then validation becomes one line, then PPO does, then they go, outcomes last.
     """
+    return Group(*draw(status, history, width, height, stale_age, View(), hint).lines)
+
+
+def draw(
+    status: Status,
+    history: Sequence[HistoryRow],
+    width: int,
+    height: int | None,
+    stale_age: float,
+    view: View,
+    hint: str = "",
+) -> Picture:
+    """What ``render`` draws, as ``view`` has it: a panel in focus or on the whole screen, help."""
     width = max(width, NARROWEST)
     boxed = width >= ROOMY[0] and (height is None or height >= ROOMY[1])
     inside = width - 4 if boxed else width
     splits = 3 if height is None or height >= SHORT[0] else 2 if height >= SHORT[1] else 1
-    top = _frame(panels.header(status, inside, stale_age, splits), width, boxed)
-    middle = _middle(status, history, width, boxed)
+    top = frame(panels.header(status, inside, stale_age, splits), width, boxed)
+    if height is not None and (view.zoomed or view.helping):
+        lines, shown = _alone(status, history, view, width, height, top, boxed)
+        return Picture(lines, _extent(status, view, shown if view.focus == "actors" else 1, shown))
+    middle = _middle(status, history, width, boxed, view.focus)
     if height is None:
         rows = (len(status.actors) + 1, EVENTS_LISTED)
     else:
@@ -51,16 +79,47 @@ def render(
         left = height - len(top) - sum(map(len, middle)) - 2 * (1 + boxed)
         rows = _share_rows(left, len(status.actors) + 1, len(status.events))
     lines = top + [line for block in middle for line in block]
+    shown = 0
     if rows[0] >= 2 or (rows[0] and not status.actors):
-        lines += _frame(panels.actors(status, inside, rows[0]), width, boxed)
+        table = actors(status, inside, rows[0], view)
+        shown = table.shown
+        lines += frame(table, width, boxed, view.focus == "actors")
+    log = panels.events(status, inside, rows[1], view.back)
     if rows[1]:
-        log = panels.events(status, inside, rows[1])
-        log = Panel(log.title, log.lines, hint)
+        note = " · ".join(words for words in (log.note, hint) if words)
         if height is not None and boxed:
             spare = height - len(lines) - len(log.lines) - 2
             log.lines.extend(fit(Text(), inside) for _ in range(spare))
-        lines += _frame(log, width, boxed)
-    return Group(*lines[:height])
+        log = Panel(log.title, log.lines, note, log.shown)
+        lines += frame(log, width, boxed, view.focus == "events")
+    return Picture(lines[:height], _extent(status, view, shown, log.shown))
+
+
+def _extent(status: Status, view: View, actor_rows: int, event_rows: int) -> Extent:
+    listed = len(matching(status.actors, view.needle))
+    return Extent(listed, max(actor_rows, 1), len(status.events), max(event_rows, 1))
+
+
+def _alone(
+    status: Status,
+    history: Sequence[HistoryRow],
+    view: View,
+    width: int,
+    height: int,
+    top: list[Text],
+    boxed: bool,
+) -> tuple[list[Text], int]:
+    """The header, where there is room, and one panel; and how many of its rows scroll."""
+    inside = width - 4 if boxed else width
+    if not boxed:  # its title, the verdict and how far it is; where rows are very short, nothing
+        top = top[:3] if height >= 12 else []
+    rows = max(height - len(top) - (2 if boxed else 1), 1)
+    if view.helping:
+        panel = help_panel(inside, rows)
+    else:
+        panel = zoomed(status, history, view, inside, rows)
+    panel.lines.extend(fit(Text(), inside) for _ in range(rows - len(panel.lines)))
+    return [*top, *frame(panel, width, boxed, not view.helping)][:height], panel.shown
 
 
 def _as_fits(
@@ -74,7 +133,7 @@ def _as_fits(
     """As much of ``middle`` as ``rows`` leave room for beside actors and events."""
     least = 3 * (1 + boxed) + 2
     choices = [(middle, least)]
-    results = [_frame(panels.outcomes(status, history, width - 4 * boxed), width, boxed)]
+    results = [frame(panels.outcomes(status, history, width - 4 * boxed), width, boxed)]
     ppo = [panels.ppo_line(status, width)]
     if status.validation is not None:
         line = [validated.line(status, width)]
@@ -89,7 +148,7 @@ def _as_fits(
 
 
 def _middle(
-    status: Status, history: Sequence[HistoryRow], width: int, boxed: bool
+    status: Status, history: Sequence[HistoryRow], width: int, boxed: bool, focus: str
 ) -> list[list[Text]]:
     """Outcomes and PPO as blocks of lines: one block side by side, or two, the first more vital.
 
@@ -98,11 +157,14 @@ def _middle(
     margin = 4 if boxed else 0
     last = []
     if status.validation is not None:
-        last = [_frame(validated.panel(status, width - margin), width, boxed)]
+        found = validated.panel(status, width - margin)
+        last = [frame(found, width, boxed, focus == "validation")]
     if width < TWO_COLUMNS:
+        first = panels.outcomes(status, history, width - margin)
+        second = panels.ppo(status, width - margin, columns=3)
         return [
-            _frame(panels.outcomes(status, history, width - margin), width, boxed),
-            _frame(panels.ppo(status, width - margin, columns=3), width, boxed),
+            frame(first, width, boxed, focus == "outcomes"),
+            frame(second, width, boxed, focus == "ppo"),
             *last,
         ]
     gap = 1 if boxed else 3
@@ -115,7 +177,11 @@ def _middle(
     rows = max(len(first.lines), len(second.lines))
     for panel, room in ((first, left - margin), (second, right - margin)):
         panel.lines.extend(fit(Text(), room) for _ in range(rows - len(panel.lines)))
-    pairs = zip(_frame(first, left, boxed), _frame(second, right, boxed), strict=True)
+    pairs = zip(
+        frame(first, left, boxed, focus == "outcomes"),
+        frame(second, right, boxed, focus == "ppo"),
+        strict=True,
+    )
     return [[a.copy().append(" " * gap).append_text(b) for a, b in pairs], *last]
 
 
@@ -128,22 +194,24 @@ def _share_rows(left: int, actors: int, events: int) -> tuple[int, int]:
     return table, left - table
 
 
-def _frame(panel: Panel, width: int, boxed: bool) -> list[Text]:
-    """The panel's lines between borders, or under a ruled title."""
+def frame(panel: Panel, width: int, boxed: bool, focused: bool = False) -> list[Text]:
+    """The panel's lines between borders, or under a ruled title; marked where it is ``focused``."""
     left, line, right = ("╭─ ", "─", "─╮") if boxed else ("", "─", "")
-    title = styled(left, "dim").append(panel.title, style="bold").append(" ")
+    rule = "bold" if focused else "dim"
+    title = styled(left, rule).append("▸ " if focused else "", style="bold")
+    title.append(panel.title, style="bold").append(" ")
     words = f" {panel.note}{' ' if boxed else ''}" if panel.note else ""
-    note = styled(words + right, "dim")
+    note = styled(words + right, rule)
     room = width - title.cell_len - note.cell_len
     if room < 1:
-        note, room = styled(right, "dim"), width - title.cell_len - len(right)
-    title.append(line * max(room, 0), style="dim").append_text(note)
+        note, room = styled(right, rule), width - title.cell_len - len(right)
+    title.append(line * max(room, 0), style=rule).append_text(note)
     if not boxed:
         return [fit(title, width), *panel.lines]
-    body = [styled("│ ", "dim").append_text(row).append(" │", style="dim") for row in panel.lines]
+    body = [styled("│ ", rule).append_text(row).append(" │", style=rule) for row in panel.lines]
     for row in body:
         row.no_wrap = True
-    bottom = styled(f"╰{'─' * (width - 2)}╯", "dim")
+    bottom = styled(f"╰{'─' * (width - 2)}╯", rule)
     return [fit(title, width), *body, bottom]
 
 
@@ -187,4 +255,4 @@ def plain_line(status: Status, stale_age: float = 0.0) -> str:
     return "  ".join(parts).replace(MISSING, "-")
 
 
-__all__ = ["plain_line", "render"]
+__all__ = ["Picture", "draw", "plain_line", "render"]

@@ -185,6 +185,12 @@ def answer() -> Callable[..., dict[str, Any]]:
     return _answer
 
 
+@pytest.fixture(scope="session")
+def answer_maker() -> Callable[..., dict[str, Any]]:
+    """The same for fixtures that serve several tests."""
+    return _answer
+
+
 @pytest.fixture
 def world() -> Callable[..., WorldSnapshot]:
     """Makes a snapshot of a small world."""

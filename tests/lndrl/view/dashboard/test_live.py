@@ -16,9 +16,9 @@ from lndrl.cli.fleet.dashboard import dashboard
 from lndrl.errors import UserError
 from lndrl.view.dashboard import feed as feed_module
 from lndrl.view.dashboard.feed import Feed, News, ask, first_news
+from lndrl.view.dashboard.keys import key_presses
 from lndrl.view.dashboard.live import (
     json_line,
-    key_presses,
     show_json,
     show_lines,
     show_live,

@@ -10,7 +10,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from lndrl.transport.status import parse_reply
-from lndrl.view.dashboard.panels import worst_first
+from lndrl.view.dashboard.actors import worst_first
 from lndrl.view.dashboard.screen import plain_line, render
 
 Answer = Callable[..., dict[str, Any]]

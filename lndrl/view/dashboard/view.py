@@ -1,0 +1,137 @@
+"""What keys have made of the picture: focus, zoom, pause, order, filter; a pure state machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+PANELS = ("outcomes", "ppo", "validation", "actors", "events")
+"""What Tab goes through, from top to bottom."""
+ORDERS = ("worst", "name", "host", "rate", "lag", "steps")
+"""What ``s`` goes through; see ``actors.ordered``."""
+SCROLLED = ("actors", "events")
+ASK_AGAIN_WITHIN = 10.0
+"""s in which the second S of a stop must follow the first."""
+
+KEYS = (
+    ("?", "this help"),
+    ("q", "leave; the training goes on"),
+    ("space", "hold the picture, and let it go on"),
+    ("Tab, arrows", "to the next panel, to the one before"),
+    ("Enter", "the panel on the whole screen, and back"),
+    ("PgUp PgDn Home End", "scroll actors or events; arrows do, too, on the whole screen"),
+    ("s", "actors by: worst first, name, host, steps/s, lag, steps"),
+    ("/", "only actors whose name, host or state has these words; Esc: all"),
+)
+"""Keys as the help shows them."""
+
+_FORWARD, _BACKWARD = ("tab", "right", "down"), ("shift-tab", "left", "up")
+
+
+@dataclass(frozen=True)
+class View:
+    """The state of one dashboard. ``focus`` is one of PANELS, or empty before Tab is pressed."""
+
+    focus: str = ""
+    zoomed: bool = False
+    helping: bool = False
+    paused: bool = False
+    order: str = ORDERS[0]
+    needle: str = ""
+    """Words that the shown actors must have."""
+    typing: bool = False
+    """Whether keys go into ``needle``."""
+    scroll: int = 0
+    """Rows of actors above the first one shown."""
+    back: int = 0
+    """Newer events below the last one shown."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much of what scrolls the last picture had room for."""
+
+    actors: int = 0
+    """Actors that pass the filter."""
+    actor_rows: int = 1
+    events: int = 0
+    event_rows: int = 1
+
+
+def press(
+    view: View, key: str, extent: Extent | None = None, panels: Sequence[str] = PANELS
+) -> tuple[View, str]:
+    """The view after ``key`` (see ``keys.NAMES``), and what is asked for: "leave" or nothing.
+
+    ``panels`` are those that there are.
+    """
+    extent = extent or Extent()
+    if view.typing:
+        return _type(view, key), ""
+    if view.helping:
+        return replace(view, helping=False), ""
+    if key in ("q", "Q"):
+        return view, "leave"
+    if key == "?":
+        return replace(view, helping=True), ""
+    if key == " ":
+        return replace(view, paused=not view.paused), ""
+    if key == "s":
+        after = ORDERS[(ORDERS.index(view.order) + 1) % len(ORDERS)]
+        return replace(view, order=after, scroll=0), ""
+    if key == "/":
+        return replace(view, typing=True, focus="actors", scroll=0), ""
+    if key == "escape":
+        return _back_out(view), ""
+    if key == "enter":
+        return replace(view, zoomed=not view.zoomed, focus=view.focus or "actors"), ""
+    if (rows := _rows(view, key, extent)) is not None:
+        return _scrolled(view, rows, extent), ""
+    if key in _FORWARD or key in _BACKWARD:
+        return replace(view, focus=_neighbour(view.focus, key in _FORWARD, panels)), ""
+    return view, ""
+
+
+def _type(view: View, key: str) -> View:
+    if key == "enter":
+        return replace(view, typing=False)
+    if key == "escape":
+        return replace(view, typing=False, needle="")
+    if key == "backspace":
+        return replace(view, needle=view.needle[:-1])
+    if len(key) == 1 and key.isprintable():
+        return replace(view, needle=view.needle + key, scroll=0)
+    return view
+
+
+def _back_out(view: View) -> View:
+    """Undo the nearest thing: the filter, the whole screen, the focus."""
+    if view.needle:
+        return replace(view, needle="")
+    if view.zoomed:
+        return replace(view, zoomed=False)
+    return replace(view, focus="")
+
+
+def _rows(view: View, key: str, extent: Extent) -> int | None:
+    """By how many rows ``key`` scrolls down; None for one that does not."""
+    page = max(extent.event_rows if view.focus == "events" else extent.actor_rows, 1)
+    total = max(extent.events, extent.actors)
+    keys = {"pagedown": page, "pageup": -page, "home": -total, "end": total, "j": 1, "k": -1}
+    if view.zoomed and view.focus in SCROLLED:
+        keys |= {"down": 1, "up": -1}
+    return keys.get(key)
+
+
+def _scrolled(view: View, rows: int, extent: Extent) -> View:
+    if view.focus == "events":
+        most = max(extent.events - extent.event_rows, 0)
+        return replace(view, back=min(max(view.back - rows, 0), most))
+    most = max(extent.actors - extent.actor_rows, 0)
+    return replace(view, scroll=min(max(view.scroll + rows, 0), most))
+
+
+def _neighbour(focus: str, forward: bool, panels: Sequence[str]) -> str:
+    if focus not in panels:
+        return panels[0 if forward else -1]
+    return panels[(panels.index(focus) + (1 if forward else -1)) % len(panels)]
