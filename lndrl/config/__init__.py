@@ -25,7 +25,14 @@ from lndrl.config.run import (
 )
 from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
-from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, WorldConfig
+from lndrl.config.world import (
+    AccelerationConfig,
+    CrowdConfig,
+    LaserConfig,
+    RandomizeConfig,
+    RobotConfig,
+    WorldConfig,
+)
 
 __all__ = [
     "DEFAULTS",
@@ -34,6 +41,7 @@ __all__ = [
     "MOST_WORLDS_PER_ACTOR",
     "REPOSITORY_CONFIGS",
     "SOURCES",
+    "AccelerationConfig",
     "ActorConfig",
     "CrowdConfig",
     "ImitationConfig",
@@ -46,6 +54,7 @@ __all__ = [
     "PPOConfig",
     "RewardConfig",
     "RewardTerm",
+    "RobotConfig",
     "RunConfig",
     "TaskConfig",
     "TransportConfig",
