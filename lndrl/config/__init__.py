@@ -25,7 +25,15 @@ from lndrl.config.run import (
 )
 from lndrl.config.shipped import DEFAULTS, REPOSITORY_CONFIGS, Kind, find, shipped
 from lndrl.config.task import RewardConfig, RewardTerm, TaskConfig
-from lndrl.config.world import CrowdConfig, LaserConfig, RandomizeConfig, RetryConfig, WorldConfig
+from lndrl.config.world import (
+    AccelerationConfig,
+    CrowdConfig,
+    LaserConfig,
+    RandomizeConfig,
+    RetryConfig,
+    RobotConfig,
+    WorldConfig,
+)
 
 __all__ = [
     "DEFAULTS",
@@ -34,6 +42,7 @@ __all__ = [
     "MOST_WORLDS_PER_ACTOR",
     "REPOSITORY_CONFIGS",
     "SOURCES",
+    "AccelerationConfig",
     "ActorConfig",
     "CrowdConfig",
     "ImitationConfig",
@@ -46,6 +55,7 @@ __all__ = [
     "PPOConfig",
     "RewardConfig",
     "RewardTerm",
+    "RobotConfig",
     "RunConfig",
     "TaskConfig",
     "TransportConfig",

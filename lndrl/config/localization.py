@@ -45,6 +45,27 @@ PRESETS: dict[str, dict[str, Any]] = {
         "kld_one_bin": "min",
         "update_at_start": False,
     },
+    # For real scanners, whose beams err together; chosen on logs of real buildings (same page).
+    "robot": {
+        "min_particles": 1000,
+        "odom_model_type": "diff-corrected",
+        "odom_alpha1": 0.05,
+        "odom_alpha2": 0.02,
+        "odom_alpha3": 0.02,
+        "odom_alpha4": 0.02,
+        "laser_model_type": "likelihood_field_prob",
+        "laser_field": "surfaces",
+        "laser_likelihood_exponent": 0.2,
+        "laser_sigma_hit": 0.1,
+        "laser_z_hit": 0.8,
+        "laser_z_rand": 0.2,
+        "do_beamskip": True,
+        "resample_model_type": "systematic",
+        "recovery_persistent": True,
+        "recovery_tolerance": 1.3,  # of factors to the power of 0.2: as 3.7 would be
+        "kld_one_bin": "min",
+        "update_at_start": False,
+    },
     "perfect": {"kind": "perfect"},
 }
 
@@ -62,8 +83,8 @@ class LocalizationConfig(Model):
     settings that the others change.
     """
 
-    preset: Literal["paper", "best", "perfect"] = Field(
-        "paper", description="paper, best, perfect: values of the keys that are not named"
+    preset: Literal["paper", "best", "robot", "perfect"] = Field(
+        "paper", description="paper, best, robot, perfect: values of the keys that are not named"
     )
     kind: Literal["amcl", "perfect"] = Field("amcl", description="perfect hands out the truth")
     min_particles: Count = Field(500, description="fewest that are resampled (LAUNCH)")
@@ -103,6 +124,11 @@ class LocalizationConfig(Model):
     laser_max_beams: Count = Field(60, description="beams of a scan that are used (LAUNCH)")
     laser_max_range: Annotated[float, AfterValidator(_range_or_own)] = Field(
         12.0, description="m; readings at or beyond are skipped; -1: the laser's own, as in ROS"
+    )
+    laser_min_range: Annotated[float, AfterValidator(_range_or_own), LATER] = Field(
+        -1.0,
+        description="m; readings at or below are no echo; -1: the scanner's own, as in ROS; the "
+        "simulated laser has none",
     )
     laser_z_hit: Probability = Field(0.95, description="weight of readings of the map (LAUNCH)")
     laser_z_short: Probability = Field(
@@ -235,6 +261,13 @@ class LocalizationConfig(Model):
         if self.laser_max_range == _OWN_RANGE:
             return laser_range
         return min(self.laser_max_range, laser_range)
+
+    def min_range(self, laser_range: float) -> float:
+        """Metres at and below which a reading is none, with a scanner that says ``laser_range``.
+
+        Negative where there is no such range.
+        """
+        return max(self.laser_min_range, laser_range)
 
     @property
     def initial_deviations(self) -> tuple[float, float, float]:

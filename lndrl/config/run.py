@@ -304,7 +304,7 @@ def _apply(data: dict[str, Any], override: str) -> None:
     target = data
     for parent in parents:
         inner = target.setdefault(parent, {})
-        if isinstance(inner, str) and target is data and parent == "localization":
+        if isinstance(inner, str) and parent in ("localization", "robot"):
             inner = target[parent] = {"preset": inner}
         if not isinstance(inner, dict):
             raise UserError(f"--set {override}: {parent} holds a value, not keys")

@@ -9,6 +9,7 @@ from typing import Any
 from lndrl.config.localization import PRESETS
 from lndrl.config.run import RunConfig
 from lndrl.config.shipped import REPOSITORY_CONFIGS, Kind
+from lndrl.config.world import ROBOT_PRESETS
 from lndrl.models import Model
 
 SCHEMAS = REPOSITORY_CONFIGS / "schemas"
@@ -38,6 +39,9 @@ def _of_a_configuration(schema: dict[str, Any]) -> dict[str, Any]:
     keys["scenario"] = _or(keys["scenario"], {"type": "string"})
     presets = {"type": "string", "enum": list(PRESETS)}
     keys["localization"] = _or(keys["localization"], presets)
+    if world := schema.get("$defs", {}).get("WorldConfig"):
+        robots = {"type": "string", "enum": list(ROBOT_PRESETS)}
+        world["properties"]["robot"] = _or(world["properties"]["robot"], robots)
     base = (
         "configuration whose keys this one changes: a name, or a file relative to this one; {} "
         "empties what it has under a key"

@@ -17,13 +17,14 @@ REPOSITORY_CONFIGS = _IN_WHEEL if _IN_WHEEL.is_dir() else _HERE.parent.parent / 
 SHIPPED_POLICY = "shipped"
 """The name of the policy that comes with the program, wherever a run folder is taken."""
 
-Kind = Literal["configuration", "scenario", "sweep", "bench", "calibration"]
+Kind = Literal["configuration", "scenario", "sweep", "bench", "calibration", "robot"]
 PLACES: dict[Kind, str] = {
     "configuration": "*.yaml",
     "scenario": "scenarios/*.yaml",
     "sweep": "sweeps/*.yaml",
     "bench": "benchmark*.yaml",
     "calibration": "calibration*.yaml",
+    "robot": "robots/*.yaml",
 }
 """Where the files of a kind lie below REPOSITORY_CONFIGS."""
 DEFAULTS: dict[Kind, str] = {

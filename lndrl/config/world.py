@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -146,6 +147,61 @@ class RetryConfig(Model):
         return self
 
 
+ROBOT_PRESETS: dict[str, dict[str, Any]] = {
+    # As the simulated robot of the paper's group is: velocities are what they are told to be.
+    "immediate": {},
+    # turtlebot_navigation's limits of a Kobuki base, from which its planner plans.
+    "turtlebot2": {"acceleration": {"linear": 1.0, "angular": 2.0}},
+}
+
+
+class AccelerationConfig(Model):
+    """How fast the robot's velocities can change; without any limit a command holds at once."""
+
+    linear: Positive | None = Field(
+        None, description="m/s², most by which it gains speed, forward or backward; null: no limit"
+    )
+    braking: Positive | None = Field(
+        None, description="m/s², most by which it loses speed; null: as linear"
+    )
+    angular: Positive | None = Field(
+        None, description="rad/s², most by which its rate of turning changes; null: no limit"
+    )
+
+    @property
+    def limits(self) -> tuple[float, float, float]:
+        """m/s² of gaining and of losing speed, rad/s²; infinite where there is no limit."""
+        gain, turn = (math.inf if v is None else float(v) for v in (self.linear, self.angular))
+        return gain, gain if self.braking is None else float(self.braking), turn
+
+
+class RobotConfig(Model):
+    """What the robot's base can do.
+
+    In YAML either a preset's name (``robot: turtlebot2``) or keys.
+    """
+
+    preset: Literal["immediate", "turtlebot2"] = Field(
+        "immediate", description="immediate, turtlebot2: values of the keys that are not named"
+    )
+    acceleration: AccelerationConfig = Field(
+        AccelerationConfig(), description="limits on acceleration; none by default (PAPER)"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _resolve(cls, data: Any) -> Any:
+        """A preset's name, alone or as key, to the keys that it stands for."""
+        if isinstance(data, str):
+            data = {"preset": data}
+        if not isinstance(data, dict) or not isinstance(data.get("preset"), str):
+            return data
+        name = data["preset"]
+        if name not in ROBOT_PRESETS:
+            raise ValueError(f"preset {name!r} is unknown; known: {', '.join(ROBOT_PRESETS)}")
+        return {**ROBOT_PRESETS[name], **data}
+
+
 class WorldConfig(Model):
     """The true world: clock, robot, sensors, crowd."""
 
@@ -159,6 +215,9 @@ class WorldConfig(Model):
         "step",
         description="the two factors are drawn for every control step, or for every odometry "
         "reading, which is every tick: the paper's words can be read both ways",
+    )
+    robot: Annotated[RobotConfig, LATER] = Field(
+        RobotConfig(), description="what its base can do: a preset's name, or keys"
     )
     laser: LaserConfig = Field(LaserConfig(), description="the laser and its noise")
     crowd: CrowdConfig = Field(CrowdConfig(), description="how people walk")

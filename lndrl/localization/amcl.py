@@ -22,6 +22,7 @@ from lndrl.localization.belief import (
     Belief,
     Scratch,
     Vector,
+    beam_room,
     belief_of,
     make_beliefs,
     make_field,
@@ -34,9 +35,11 @@ from lndrl.localization.confidence import cluster_spread
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.motion import scatter_correlated
 from lndrl.localization.resampling import kld_limits
+from lndrl.localization.scanner import AT_THE_CENTRE, Scanner
 from lndrl.localization.update import (
     fill_bins,
     pack,
+    predict_packed,
     reset_belief,
     spread_belief,
     summarise,
@@ -66,11 +69,13 @@ class AMCL:
         belief: Belief | None = None,
         scratch: Scratch | None = None,
         bins: Bins | None = None,
+        scanner: Scanner = AT_THE_CENTRE,
     ) -> None:
         self._belief = belief_of(make_beliefs(1, config), 0) if belief is None else belief
         self._scratch = make_scratch(config, laser) if scratch is None else scratch
         self._bins = make_bins(config) if bins is None else bins
         self._made_of = (field, config, laser)
+        self._scanner = scanner
         if field.model != config.laser_model_type:
             raise ValueError(f"the map was built for {field.model}, not {config.laser_model_type}")
         if field.range_max != config.max_range(laser.range_max):
@@ -80,10 +85,9 @@ class AMCL:
             )
         if self._belief.weights.shape != (config.max_particles,):
             raise ValueError(f"the belief has no room for exactly {config.max_particles} particles")
-        if (
-            self._scratch.keys.size < config.max_particles
-            or len(self._scratch.beams[0]) < laser.beams
-        ):
+        if self._scratch.keys.size < config.max_particles or len(
+            self._scratch.beams[0]
+        ) < beam_room(config, laser):
             raise ValueError("the working memory is for fewer particles or beams")
         if self._bins.key.size < config.max_particles:
             raise ValueError(f"the bins have no room for {config.max_particles} particles")
@@ -98,13 +102,13 @@ class AMCL:
             self._bins,
             kld_limits(config),
             self._field,
-            make_settings(config, laser),
+            make_settings(config, laser, scanner),
         )
-        self._most_beams = laser.beams
+        self._max_beams = config.laser_max_beams
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Built again around the copied memory: variance is a view of the covariance.
-        return type(self), (*self._made_of, self._belief, self._scratch, self._bins)
+        return type(self), (*self._made_of, self._belief, self._scratch, self._bins, self._scanner)
 
     @property
     def count(self) -> int:
@@ -249,12 +253,14 @@ class AMCL:
     ) -> bool:
         """Take in an odometry pose (3,) and a scan; False when the gate is closed.
 
-        ``ranges`` (m) and ``bearings`` (rad, robot frame) are ``(n,)``, at most ``laser.beams``.
-        The gate opens when |dx| or |dy| exceeds ``update_min_d`` or |dyaw| ``update_min_a`` since
-        the last update (per axis, as ROS); closed, nothing changes. Non-finite odometry is ignored
-        and counted, non-finite readings are skipped and counted, readings at or beyond
-        ``laser_max_range`` skipped (the beam model takes them as missed echoes). Raises ValueError
-        for shapes that do not fit, and for a filter that was never reset.
+        ``ranges`` (m) and ``bearings`` (rad, robot frame) are ``(n,)``, as many as the scanner has;
+        of more than ``laser_max_beams`` every so many are used, as ``beam_stride`` says. The gate
+        opens when |dx| or |dy| exceeds ``update_min_d`` or |dyaw| ``update_min_a`` since the last
+        update (per axis, as ROS); closed, nothing changes. Non-finite odometry is ignored and
+        counted, non-finite readings are skipped and counted, readings at or beyond
+        ``laser_max_range`` or at or below ``laser_min_range`` skipped (the beam model takes them as
+        missed echoes). Raises ValueError for shapes that do not fit, and for a filter that was
+        never reset.
         """
         if self.count == 0:
             raise ValueError("a filter that was never reset has no pose; call reset first")
@@ -263,9 +269,24 @@ class AMCL:
         bearings = np.ascontiguousarray(bearings, dtype=np.float32)
         if odometry.shape != (3,) or ranges.ndim != 1 or ranges.shape != bearings.shape:
             raise ValueError("update needs odometry (3,), and ranges and bearings of one length")
-        if ranges.size > self._most_beams:
-            raise ValueError(f"{ranges.size} ranges, the laser has {self._most_beams} beams")
+        stride = beam_stride(ranges.size, self._max_beams)
+        if stride > 1:
+            ranges = np.ascontiguousarray(ranges[::stride])
+            bearings = np.ascontiguousarray(bearings[::stride])
         return bool(update_packed(odometry, ranges, bearings, self._packed))
+
+    def predict(self, pose_odometry: Vector) -> bool:
+        """Move the cloud by an odometry pose (3,) without a scan; False when the gate is closed.
+
+        For when no usable scan comes: the estimate follows the wheels and its covariance grows.
+        Raises ValueError for another shape, and for a filter that was never reset.
+        """
+        if self.count == 0:
+            raise ValueError("a filter that was never reset has no pose; call reset first")
+        odometry = np.ascontiguousarray(pose_odometry, dtype=np.float64)
+        if odometry.shape != (3,):
+            raise ValueError("predict needs odometry (3,)")
+        return bool(predict_packed(odometry, self._packed))
 
     def _seed(self, state: State) -> None:
         if np.shape(state) != (4,):
@@ -274,10 +295,18 @@ class AMCL:
 
 
 def amcl_beam_stride(laser: LaserConfig, localization: LocalizationConfig) -> int:
-    """Every how many beams the filter uses one, as ROS: 12 of 720 beams for 60."""
-    if localization.laser_max_beams == 1:
-        return laser.beams
-    return max(1, (laser.beams - 1) // (localization.laser_max_beams - 1))
+    """Every how many beams of ``laser`` the filter uses one, as ROS: 12 of 720 beams for 60."""
+    return beam_stride(laser.beams, localization.laser_max_beams)
+
+
+def beam_stride(beams: int, most: int) -> int:
+    """Every how many of ``beams`` is used so that about ``most`` are, fewer than twice as many.
+
+    What was thinned by it once is not thinned again.
+    """
+    if most == 1:
+        return max(1, beams)
+    return max(1, (beams - 1) // (most - 1))
 
 
 def _checked_pose(pose: ArrayLike, name: str) -> Vector:

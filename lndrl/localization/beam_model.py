@@ -18,11 +18,12 @@ _NEGLIGIBLE = 40.0  # exp(-40) vanishes beside every other summand
 
 
 @kernel(_nrt=False, error_model="numpy")
-def prepare_readings(ranges, bearings, range_max, beam_numbers, readings):
+def prepare_readings(ranges, bearings, range_max, beam_numbers, readings, range_min=-1.0):
     """Per usable beam: cos, sin, range (m), the summand of short readings, the constant summand.
 
-    Readings at or beyond ``range_max`` stay, as missed echoes; negative and non-finite ones are
-    left out. ``readings`` is (5, n); returns the number of beams kept.
+    Readings at or beyond ``range_max``, or at or below ``range_min``, stay as missed echoes;
+    negative and non-finite ones are left out. ``readings`` is (5, n); returns the number of beams
+    kept.
     """
     _, z_short, z_max, z_rand, _, decay = beam_numbers
     kept = 0
@@ -31,7 +32,7 @@ def prepare_readings(ranges, bearings, range_max, beam_numbers, readings):
         bearing = np.float64(bearings[i])
         if not (np.isfinite(reading) and np.isfinite(bearing)) or reading < 0.0:
             continue
-        missed = reading >= range_max
+        missed = reading >= range_max or reading <= range_min
         reading = range_max if missed else reading
         readings[0, kept] = math.cos(bearing)
         readings[1, kept] = math.sin(bearing)
@@ -43,18 +44,23 @@ def prepare_readings(ranges, bearings, range_max, beam_numbers, readings):
 
 
 @kernel(_nrt=False, error_model="numpy")
-def beam_model(particles, count, readings, kept, field, range_max, beam_numbers, likelihood):
+def beam_model(
+    particles, count, readings, kept, field, range_max, beam_numbers, likelihood,
+    mount_x=0.0, mount_y=0.0,
+):  # fmt: skip
     """``1 + sum pz^3`` of ``count`` particles (rows x, y, yaw, cos, sin) into ``likelihood``.
 
     ``readings`` and ``kept`` come from ``prepare_readings``; ``field`` offers the grid's
-    ``clearance``, ``resolution`` (m) and origin.
+    ``clearance``, ``resolution`` (m) and origin. Rays start at the scanner, which stands at
+    ``mount_x``, ``mount_y`` (m, robot frame).
     """
     z_hit, sigma = beam_numbers[0], beam_numbers[4]
     sharpness = 0.5 / (sigma * sigma)
     inverse = 1.0 / field.resolution
     for i in range(count):
-        x, y = particles[0, i], particles[1, i]
         cosine, sine = particles[3, i], particles[4, i]
+        x = particles[0, i] + (cosine * mount_x - sine * mount_y)
+        y = particles[1, i] + (sine * mount_x + cosine * mount_y)
         total = 1.0
         for b in range(kept):
             dx = cosine * readings[0, b] - sine * readings[1, b]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lndrl.config import LaserConfig, LocalizationConfig
 from lndrl.kernels import kernel
 from lndrl.localization.likelihood import BEAMS_PER_PASS, LikelihoodMap
+from lndrl.localization.scanner import AT_THE_CENTRE, Scanner
 from lndrl.randomness import State
 
 Vector = NDArray[np.float64]
@@ -101,6 +102,9 @@ class Settings(NamedTuple):
     beam_skip_error_threshold: float
     beam_numbers: tuple[float, float, float, float, float, float]
     """z_hit, z_short, z_max, z_rand, sigma_hit (m), lambda_short (1/m)"""
+    range_min: float  # m; readings at or below are no echo
+    mount_x: float  # m, where the scanner stands in the robot frame
+    mount_y: float
 
 
 @kernel(_nrt=False)
@@ -140,9 +144,14 @@ def belief_of(beliefs: Belief, world: int) -> Belief:
     return Belief(*(array[world] for array in beliefs))
 
 
+def beam_room(config: LocalizationConfig, laser: LaserConfig) -> int:
+    """The most beams that one update uses: those of ``laser``, or of any scan, thinned."""
+    return max(laser.beams, 2 * config.laser_max_beams)
+
+
 def make_scratch(config: LocalizationConfig, laser: LaserConfig) -> Scratch:
-    """Working memory for filters of this configuration, at most ``laser.beams`` beams."""
-    capacity, beams = config.max_particles, laser.beams
+    """Working memory for filters of this configuration, at most ``beam_room`` beams."""
+    capacity, beams = config.max_particles, beam_room(config, laser)
     return Scratch(
         noise=np.zeros((3, room_for(capacity))),
         cells=np.zeros((4, room_for(capacity)), dtype=np.float32),
@@ -175,8 +184,10 @@ def make_field(field: LikelihoodMap) -> Field:
     )
 
 
-def make_settings(config: LocalizationConfig, laser: LaserConfig) -> Settings:
-    """The configuration as kernels take it."""
+def make_settings(
+    config: LocalizationConfig, laser: LaserConfig, scanner: Scanner = AT_THE_CENTRE
+) -> Settings:
+    """The configuration as kernels take it, for a scanner that stands where ``scanner`` says."""
     return Settings(
         # Readings are single precision: one without an echo must not fall short of the limit.
         range_max=float(np.float32(config.max_range(laser.range_max))),
@@ -203,4 +214,8 @@ def make_settings(config: LocalizationConfig, laser: LaserConfig) -> Settings:
             float(config.laser_sigma_hit),
             float(config.laser_lambda_short),
         ),
+        # As above: what a driver writes for no echo must not lie above the limit.
+        range_min=float(np.float32(config.min_range(scanner.range_min))),
+        mount_x=float(scanner.x),
+        mount_y=float(scanner.y),
     )

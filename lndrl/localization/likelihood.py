@@ -96,12 +96,15 @@ class LikelihoodMap:
 
 
 @kernel(_nrt=False, error_model="numpy")
-def beam_ends(ranges, bearings, range_max, resolution, beams):
+def beam_ends(
+    ranges, bearings, range_max, resolution, beams, range_min=-1.0, mount_x=0.0, mount_y=0.0
+):
     """End points of the usable beams, in cells, in the robot frame.
 
-    Writes x to ``beams[0]`` and y to ``beams[1]``; readings at or beyond ``range_max`` and
-    non-finite ones are left out, so the particle loop never meets them. Returns the number of
-    beams kept and the number of non-finite readings (or bearings).
+    Writes x to ``beams[0]`` and y to ``beams[1]``; readings at or beyond ``range_max``, at or
+    below ``range_min`` and non-finite ones are left out, so the particle loop never meets them.
+    The scanner stands at ``mount_x``, ``mount_y`` (m, robot frame). Returns the number of beams
+    kept and the number of non-finite readings (or bearings).
     """
     kept = 0
     broken = 0
@@ -110,10 +113,10 @@ def beam_ends(ranges, bearings, range_max, resolution, beams):
         bearing = np.float64(bearings[i])
         if not (np.isfinite(reading) and np.isfinite(bearing)):
             broken += 1
-        elif 0.0 <= reading < range_max:
+        elif 0.0 <= reading < range_max and reading > range_min:
             sine, cosine = sincos(bearing)
-            beams[0, kept] = np.float32(reading * cosine / resolution)
-            beams[1, kept] = np.float32(reading * sine / resolution)
+            beams[0, kept] = np.float32((reading * cosine + mount_x) / resolution)
+            beams[1, kept] = np.float32((reading * sine + mount_y) / resolution)
             kept += 1
     return kept, broken
 

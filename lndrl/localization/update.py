@@ -115,15 +115,31 @@ def fill_bins(particles, count, scratch, bins):
 @kernel(_nrt=False, error_model="numpy")
 def _gate(new, belief, settings):
     """Whether the odometry pose asks for an update; counts poses that cannot be true."""
-    old = belief.odometry
-    dx = abs(new[0] - old[0])
-    dy = abs(new[1] - old[1])
-    # Comparisons with NaN are false, so this refuses NaN and infinity as well.
-    if not (dx < _FARTHEST_JUMP and dy < _FARTHEST_JUMP and abs(new[2]) < 1e6):
+    if not _credible(new, belief):
         belief.numbers[BAD_ODOMETRY] += 1
         return False
     if settings.update_at_start != 0 and belief.numbers[UPDATES] == 0:
         return True
+    return _moved(new, belief, settings)
+
+
+@kernel(_nrt=False, error_model="numpy")
+def _credible(new, belief):
+    """Whether a robot can have come to ``new`` since the last update."""
+    dx = abs(new[0] - belief.odometry[0])
+    dy = abs(new[1] - belief.odometry[1])
+    # Comparisons with NaN are false, so this refuses NaN and infinity as well.
+    return dx < _FARTHEST_JUMP and dy < _FARTHEST_JUMP and abs(new[2]) < 1e6
+
+
+@kernel(_nrt=False, error_model="numpy")
+def _moved(new, belief, settings):
+    """Whether a credible pose is farther from the last one than the gate's thresholds."""
+    if not _credible(new, belief):
+        return False
+    old = belief.odometry
+    dx = abs(new[0] - old[0])
+    dy = abs(new[1] - old[1])
     turn = abs(difference(new[2], old[2]))
     return dx > settings.update_min_d or dy > settings.update_min_d or turn > settings.update_min_a
 
@@ -160,16 +176,21 @@ def _weigh_sums(weights, likelihood, count):
 @kernel(_nrt=False, error_model="numpy")
 def _weigh(particles, count, ranges, bearings, belief, scratch, field, settings):
     """Weigh by the scan; returns the number of beams with an echo, all in ``scratch.beams``."""
-    kept, broken = beam_ends(ranges, bearings, settings.range_max, field.resolution, scratch.beams)
+    kept, broken = beam_ends(
+        ranges, bearings, settings.range_max, field.resolution, scratch.beams,
+        settings.range_min, settings.mount_x, settings.mount_y,
+    )  # fmt: skip
     belief.numbers[BAD_READINGS] += broken
     used = kept
     if settings.sensor_model == BEAM:
         beams = prepare_readings(
-            ranges, bearings, settings.range_max, settings.beam_numbers, scratch.readings
-        )
+            ranges, bearings, settings.range_max, settings.beam_numbers, scratch.readings,
+            settings.range_min,
+        )  # fmt: skip
         beam_model(
             particles, count, scratch.readings, beams, field,
             settings.range_max, settings.beam_numbers, scratch.likelihood,
+            settings.mount_x, settings.mount_y,
         )  # fmt: skip
     else:
         to_cells(
@@ -260,6 +281,31 @@ def update_belief(
         )  # fmt: skip
         belief.quality[BEAM_AGREEMENT] = beam_agreement(scratch.beams, kept, belief.pose, field)
     return True
+
+
+@kernel(_nrt=False, error_model="numpy")
+def predict_belief(odometry, belief, scratch, bins, settings):
+    """Move by an odometry pose (3,) alone: the cloud drifts and widens as the model says.
+
+    False, and nothing changed, at a closed gate and for a belief that was never reset. Weights
+    and the averages that recovery looks at stay as they are.
+    """
+    if not fits(belief, scratch, bins) or not _moved(odometry, belief, settings):
+        return False
+    numbers = belief.numbers
+    particles = belief.particles[numbers[CURRENT]]
+    _predict(particles, numbers[COUNT], odometry, belief, scratch, settings)
+    summarise(belief, scratch, bins)
+    return True
+
+
+@kernel(error_model="numpy")
+def predict_packed(odometry, everything):
+    """``predict_belief`` for callers from Python, with ``pack``'s result."""
+    belief, scratch, bins, _, _, settings = everything
+    return predict_belief(
+        odometry, Belief(*belief), Scratch(*scratch), Bins(*bins), Settings(*settings)
+    )
 
 
 @kernel(error_model="numpy")

@@ -57,8 +57,8 @@ def test_a_resolved_configuration_reads_back_equal(tmp_path: Path) -> None:
     ("override", "sentence"),
     [
         ("localization=bset", "localization: preset 'bset' is unknown; did you mean best? known: "
-         "paper, best, perfect"),
-        ("localization={preset: ros}", "preset 'ros' is unknown; known: paper, best, perfect"),
+         "paper, best, robot, perfect"),
+        ("localization={preset: ros}", "preset 'ros' is unknown; known: paper, best, robot, per"),
         ("localization.min_particles=0", "localization.min_particles = 0"),
         ("localization.max_particles=0", "greater than or equal to 1"),
         ("localization.laser_model_type=laser", "laser_model_type = 'laser'"),

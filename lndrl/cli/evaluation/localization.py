@@ -18,7 +18,7 @@ from lndrl.machine.cores import usable_cores
 
 if TYPE_CHECKING:
     from lndrl.config import LocalizationConfig
-    from lndrl.evaluation.localization import Outcome, Plan, Report
+    from lndrl.evaluation.localization import LogOutcome, LogPlan, LogReport, Outcome, Plan, Report
 
 
 def localization(
@@ -26,7 +26,19 @@ def localization(
         str,
         typer.Option(metavar="S,S", help="Names or YAML files, comma between; or 'all'."),
     ] = "all",
-    seeds: Annotated[int, typer.Option(metavar="N", help="Drives per scenario and crowd.")] = 20,
+    logs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE,FILE",
+            help="Laser logs of real robots (CARMEN, .gz or not) instead of scenarios.",
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Drives per scenario and crowd (20); of the filter per log (5)."
+        ),
+    ] = None,
     pedestrians: Annotated[
         str, typer.Option(metavar="N,N", help="Crowds: how many pedestrians.")
     ] = "0,5,20",
@@ -51,17 +63,20 @@ def localization(
     """Measure the filter on recorded drives: errors, lost rate, recovery.
 
     Every drive is recorded once and replayed under every setting, so settings are compared on
-    the same data.
+    the same data. With --logs the same on recordings of real robots.
     """
     trust(trust_modules)
     from lndrl.evaluation.localization import check_document, report_tables
 
     if workers is not None and workers < 0:
         raise UserError(f"--workers {workers}: must be 0 (in this process) or more")
+    count = usable_cores() if workers is None else workers
+    if logs is not None:
+        _on_logs(_log_plan(logs, seeds, settings), count, out, json)
+        return
     if out is not None:
         check_document(out)
-    plan = _plan(scenarios, seeds, pedestrians, settings, updates)
-    count = usable_cores() if workers is None else workers
+    plan = _plan(scenarios, 20 if seeds is None else seeds, pedestrians, settings, updates)
     say_notes(note for scenario in plan.scenarios for note in scenario.map_notes)
     report = _measure(plan, count)
     if out is not None:
@@ -77,30 +92,40 @@ def localization(
 
 
 def _plan(scenarios: str, seeds: int, pedestrians: str, settings: str, updates: int) -> Plan:
-    from lndrl.evaluation.localization import Plan, label_of, load_settings, scenarios_named
+    from lndrl.evaluation.localization import Plan, scenarios_named
 
-    if seeds < 1:
-        raise UserError(f"--seeds {seeds}: must be 1 or more")
+    _check_seeds(seeds)
     counts = []
     for text in _split(pedestrians, "--pedestrians"):
         if not text.isdecimal():
             raise UserError(f"--pedestrians {pedestrians}: write counts like 0,5,20")
         counts.append(int(text))
+    plan = Plan(
+        scenarios=tuple(scenarios_named(_split(scenarios, "--scenarios"))),
+        pedestrians=tuple(dict.fromkeys(counts)),
+        settings=_settings(settings),
+        seeds=seeds,
+        updates=updates,
+    )
+    plan.check()
+    return plan
+
+
+def _check_seeds(seeds: int) -> None:
+    if seeds < 1:
+        raise UserError(f"--seeds {seeds}: must be 1 or more")
+
+
+def _settings(settings: str) -> dict[str, LocalizationConfig]:
+    from lndrl.evaluation.localization import label_of, load_settings
+
     chosen: dict[str, LocalizationConfig] = {}
     for name in _split(settings, "--settings"):
         label = label_of(name)
         if label in chosen:
             raise UserError(f"--settings {settings}: {label} is named twice")
         chosen[label] = load_settings(name)
-    plan = Plan(
-        scenarios=tuple(scenarios_named(_split(scenarios, "--scenarios"))),
-        pedestrians=tuple(dict.fromkeys(counts)),
-        settings=chosen,
-        seeds=seeds,
-        updates=updates,
-    )
-    plan.check()
-    return plan
+    return chosen
 
 
 def _split(text: str, option: str) -> list[str]:
@@ -134,6 +159,72 @@ def _measure(plan: Plan, workers: int) -> Report:
             advance(1, "lost: " + ", ".join(f"{label} {n}" for label, n in lost.items()))
 
         return measure_localization(plan, workers, note)
+
+
+def _log_plan(logs: str, seeds: int | None, settings: str) -> LogPlan:
+    from lndrl.evaluation.localization import LogPlan
+
+    _check_seeds(5 if seeds is None else seeds)
+    plan = LogPlan(
+        logs=tuple(Path(name) for name in _split(logs, "--logs")),
+        settings=_settings(settings),
+        seeds=5 if seeds is None else seeds,
+    )
+    plan.check()
+    return plan
+
+
+def _on_logs(plan: LogPlan, workers: int, out: Path | None, json: bool) -> None:
+    from lndrl.bench.report import machine, machine_line
+    from lndrl.evaluation.localization import (
+        LOGS_BEGIN,
+        LOGS_END,
+        check_document,
+        log_markdown,
+        log_table,
+        write_document,
+    )
+    from lndrl.version import VERSION
+
+    if out is not None:
+        check_document(out, LOGS_BEGIN, LOGS_END)
+    report = _measure_logs(plan, workers)
+    if out is not None:
+        command = "lndrl " + shlex.join(arguments_given())
+        facts = f"lndrl {VERSION}, {machine_line(machine())}"
+        write_document(out, log_markdown(report, command, facts), LOGS_BEGIN, LOGS_END)
+        typer.echo(f"wrote {out}", err=True)
+    if json:
+        typer.echo(json_format.dumps({"machine": machine(), **report.to_dict()}, indent=2))
+        return
+    from lndrl.cli.tables import print_tables
+
+    print_tables(log_table(report))
+
+
+def _measure_logs(plan: LogPlan, workers: int) -> LogReport:
+    from lndrl.evaluation.localization import HEARD, measure_logs
+    from lndrl.view.progress import progress_bar
+
+    total = len(plan.logs) * plan.seeds * len(plan.settings) * len(HEARD)
+    lost = dict.fromkeys(plan.settings, 0)
+    ended = 0
+
+    def words() -> str:
+        return (
+            f"{ended} of {total} replays have ended and are not kept; "
+            f"begin again with: {same_command()}"
+        )
+
+    with telling(words), progress_bar(total, "localization on logs", "replays") as advance:
+
+        def note(outcome: LogOutcome) -> None:
+            nonlocal ended
+            ended += 1
+            lost[outcome.setting] += outcome.lost
+            advance(1, "lost: " + ", ".join(f"{label} {n}" for label, n in lost.items()))
+
+        return measure_logs(plan, workers, note)
 
 
 def _write(report: Report, out: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from lndrl.config import LocalizationConfig
 from lndrl.errors import UserError
 from lndrl.evaluation.localization.figures import (
     RECOVERED_FOR,
@@ -20,6 +21,8 @@ from lndrl.wording import counted
 
 BEGIN = "<!-- figures: everything from here to the end mark is written by the command -->"
 END = "<!-- end of figures -->"
+LOGS_BEGIN = "<!-- laser logs: everything from here to the end mark is written by the command -->"
+LOGS_END = "<!-- end of laser logs -->"
 _MISSING = "–"
 
 Row = tuple[str, ...]
@@ -105,15 +108,15 @@ def report_markdown(report: Report, command: str, machine: str, picture: str) ->
         f"per scenario and crowd; {machine}.",
         f"![Position error of every drive, and of one drive over time]({picture})",
         "### Settings",
-        _settings_text(report),
+        settings_text(plan.settings),
         "### Drives",
         _drives_text(report),
     ]
     if len(plan.scenarios) > 1:
         parts += [
             "### All scenarios together",
-            _markdown(*accuracy_rows(report.summary())),
-            _markdown(*recovery_rows(report.summary())),
+            markdown_table(*accuracy_rows(report.summary())),
+            markdown_table(*recovery_rows(report.summary())),
         ]
     parts += [
         "### Accuracy",
@@ -121,27 +124,27 @@ def report_markdown(report: Report, command: str, machine: str, picture: str) ->
         f"of any update. Lost: more than {plan.task.lost_distance:g} m or "
         f"{plan.task.lost_angle:.3f} rad off at any time, with the Wilson interval. N and N_eff "
         "are mean counts of particles, µs the median time of an update while the report ran.",
-        _markdown(*accuracy_rows(report.cells())),
+        markdown_table(*accuracy_rows(report.cells())),
         "### Recovery",
         f"Share of drives (Wilson interval) whose position error falls below {RECOVERED_WITHIN:g} "
         f"m and stays so for {RECOVERED_FOR:g} s before the drive ends, {0.5 * seconds:.0f} s "
         "after the trouble, and the median seconds until then; a dash where most never do.",
-        _markdown(*recovery_rows(report.cells())),
+        markdown_table(*recovery_rows(report.cells())),
     ]
     return "\n\n".join(parts)
 
 
-def write_document(path: Path, generated: str) -> None:
+def write_document(path: Path, generated: str, begin: str = BEGIN, end: str = END) -> None:
     """Put ``generated`` between the marks of ``path``; a file that is not there becomes one.
 
     Raises UserError when an existing file has no marks or cannot be written.
     """
-    check_document(path)
-    block = f"{BEGIN}\n\n{generated}\n\n{END}"
+    check_document(path, begin, end)
+    block = f"{begin}\n\n{generated}\n\n{end}"
     if path.exists():
         text = path.read_text(encoding="utf-8")
-        before, _, rest = text.partition(BEGIN)
-        _, _, after = rest.partition(END)
+        before, _, rest = text.partition(begin)
+        _, _, after = rest.partition(end)
         text = before + block + after
     else:
         text = f"# Localization\n\n{block}\n"
@@ -151,7 +154,7 @@ def write_document(path: Path, generated: str) -> None:
         raise UserError(f"{path}: cannot be written ({error.strerror})") from None
 
 
-def check_document(path: Path) -> None:
+def check_document(path: Path, begin: str = BEGIN, end: str = END) -> None:
     """Raise UserError unless ``write_document`` can write ``path``: before the work, not after."""
     if path.suffix != ".md":
         raise UserError(f"--out {path}: must end in .md")
@@ -163,15 +166,14 @@ def check_document(path: Path) -> None:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read ({error})") from None
-    if BEGIN not in text or END not in text.partition(BEGIN)[2]:
+    if begin not in text or end not in text.partition(begin)[2]:
         raise UserError(
-            f"{path}: has no place for the figures; put the lines {BEGIN} and {END} into it"
+            f"{path}: has no place for the figures; put the lines {begin} and {end} into it"
         )
 
 
-def _settings_text(report: Report) -> str:
+def settings_text(settings: Mapping[str, LocalizationConfig]) -> str:
     """Every setting by what it changes against the first."""
-    settings = report.plan.settings
     first, *others = settings
     base = settings[first].model_dump()
     lines = [f"- **{first}**: {_keys(base)}" if not others else f"- **{first}**: the base"]
@@ -205,10 +207,11 @@ def _drives_text(report: Report) -> str:
                     str(sum(d.pedestrian_hits for d in drives)),
                 )
             )
-    return "Means per drive; contacts are counted over all drives.\n\n" + _markdown(head, rows)
+    return "Means per drive; contacts are counted over all drives.\n\n" + markdown_table(head, rows)
 
 
-def _markdown(head: Row, rows: Sequence[Row]) -> str:
+def markdown_table(head: Row, rows: Sequence[Row]) -> str:
+    """``head`` and ``rows`` as a table of Markdown."""
     lines = [_line(head), "|" + "---|" * len(head)]
     lines += [_line(row) for row in rows]
     return "\n".join(lines)
