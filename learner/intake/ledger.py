@@ -194,7 +194,7 @@ def newest_totals(path: Path) -> tuple[dict[str, Any], int] | None:
 def _totals_in(line: bytes) -> tuple[dict[str, Any], int] | None:
     try:
         row = json.loads(line)
-        totals = row["totals"] if row["kind"] == "checkpoint" else None
+        totals: Any = row["totals"] if row["kind"] == "checkpoint" else None
         kinds = [totals[name] for name in ("accepted", "trained", "waiting")]
         for tally in [*kinds, *totals["dropped"].values()]:
             Tally.read(tally)
