@@ -6,7 +6,9 @@ import threading
 
 from lndrl.transport import ActorEndpoint
 
-FETCH_TIMEOUT = 10.0
+FETCH_TIMEOUT = 120.0
+"""s that weights may be on their way. Asked again sooner, a slow link would carry them twice and
+never be done; one that breaks ends the question at once."""
 
 
 class Fetcher:

@@ -1,7 +1,7 @@
 """Zenoh sessions as this project needs them: explicit configuration, bounded opening and closing.
 
 Facts behind the settings: a default session listens on all interfaces and multicasts; a message
-that cannot be queued for ``wait_before_close`` closes the link; implicit shared memory can lose
+that is not queued whole within ``wait_before_close`` closes the link; implicit shared memory can lose
 queries; a thread that is inside Zenoh while the interpreter ends aborts the process.
 """
 
@@ -25,6 +25,10 @@ from lndrl.transport.security.identity import settings as settings_of
 from lndrl.transport.zenoh.config import build
 
 CLOSE_SECONDS = 3.0
+SLOWEST_MESSAGE = 300.0
+"""s that a message may take to leave, all its fragments together, before zenoh closes the link: with
+zenoh's own 5 s weights of 30 MB never pass a link of less than 6 MB/s. Peers that have frozen are
+found by the lease."""
 logger = logging.getLogger(__name__)
 
 
@@ -237,7 +241,6 @@ def open_connecting(
             "period_max_ms": 2000,
             "period_increase_factor": 2,
         },
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": 60_000_000,
     }
     built = build(settings, security)
     try:
@@ -270,6 +273,9 @@ def _common(config: TransportConfig) -> dict[str, Any]:
         "transport/shared_memory/enabled": False,
         "transport/shared_memory/transport_optimization/enabled": False,
         "transport/link/tx/lease": int(config.lease * 1000),
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": int(
+            SLOWEST_MESSAGE * 1e6
+        ),
         "transport/link/rx/max_message_size": config.max_message_megabytes * 2**20,
         # One whole batch. More buys no throughput, and a crowd takes it once per link.
         "transport/link/rx/buffer_size": 2**16,

@@ -28,6 +28,27 @@ class Handlers:
         pass
 
 
+def test_weights_that_are_long_on_their_way_pass_in_one_go() -> None:
+    config = TransportConfig(endpoint=free_endpoint(), lease=60.0)
+    port = int(config.endpoint.rpartition(":")[2])
+    with ExitStack() as stack:
+        learner = stack.enter_context(closing(open_learner(config)))
+        learner.start(Handlers())
+        learner.publish_weights(1, BLOB)
+        proxy = stack.enter_context(closing(Proxy(("127.0.0.1", port))))
+        actor = stack.enter_context(closing(open_actor(proxy.endpoint, config)))
+        actor.hello(Hello("actor-0", "life", "here", 1, 8, "0.1"), 60.0)
+        with ThreadPoolExecutor(1) as pool:
+            fetched = pool.submit(actor.fetch, None, 120.0)
+            while proxy.forwarded < 10**6:
+                time.sleep(0.005)
+            proxy.stall()  # zenoh by itself closes a link on which nothing leaves for 5 s
+            time.sleep(6.5)
+            proxy.mend()
+            assert fetched.result(60.0) == (1, BLOB)
+        assert proxy.connections == 1 and proxy.forwarded < 1.2 * len(BLOB)
+
+
 def test_links_that_stall_keep_no_other_actor_from_its_weights() -> None:
     config = TransportConfig(endpoint=free_endpoint(), lease=60.0)
     port = int(config.endpoint.rpartition(":")[2])
