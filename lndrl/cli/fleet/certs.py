@@ -17,6 +17,7 @@ _PLACES = {
     "actor": "every actor machine",
     "dashboard": "where dashboards run",
     "evaluator": "where an evaluator runs",
+    "operator": "where somebody watches who may stop the run",
 }
 
 
@@ -41,8 +42,8 @@ def certs(
         typer.Option(
             "--renew",
             metavar="ROLE",
-            help="New certificates for these roles (learner, actor, dashboard, evaluator),"
-            " same authority.",
+            help="New certificates for these roles (learner, actor, dashboard, evaluator,"
+            " operator), same authority.",
             show_default=False,
         ),
     ] = None,

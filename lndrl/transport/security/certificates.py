@@ -23,7 +23,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from lndrl.errors import UserError
 
-ROLES = ("learner", "actor", "dashboard", "evaluator")
+ROLES = ("learner", "actor", "dashboard", "evaluator", "operator")
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 DEFAULT_DAYS = 365
 CA_DAYS = 3650

@@ -23,7 +23,7 @@ from lndrl.transport import (
     free_endpoint,
     open_learner,
 )
-from lndrl.transport.keys import PING, STATUS, VALIDATION, WEIGHTS
+from lndrl.transport.keys import OPERATION, PING, STATUS, VALIDATION, WEIGHTS
 from lndrl.transport.security import certificates
 from lndrl.transport.security.access import ROLES
 from lndrl.transport.zenoh.learner import ZenohLearner
@@ -135,6 +135,7 @@ def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> Non
         "actor": ALL_KEYS[:5],
         "dashboard": [PING, STATUS],
         "evaluator": [PING, WEIGHTS, VALIDATION],
+        "operator": [PING, STATUS, OPERATION],
         "learner": ["lndrl/**"],
     }
     with learner("tls", mutual(folder) | access(roles)) as endpoint:
