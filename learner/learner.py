@@ -35,6 +35,7 @@ from learner.run.checkpoint import (
 )
 from learner.run.events import EventLog
 from learner.run.folder import RunFolder
+from learner.run.orders import Orders
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.run.validation import Validation
 from learner.sending import Sender
@@ -96,6 +97,7 @@ class Learner:
                 begin = f"from the networks of {start_from(config.learner.start, self.ppo)}"
             self.folder = RunFolder.create(path, config)
         self.events = EventLog(self.folder.events, quiet)
+        self.orders = Orders(self.folder.run_id, self.events)
         on_change = self.events.on_disk_change
         self.accounts = Accounts(
             Ledger(self.folder.ledger, lambda error: on_change("ledger.jsonl", error))
@@ -131,8 +133,12 @@ class Learner:
         if self.crew is not None:
             self.crew.stop = stop
         self.begin()
+        self.orders.heed(stop)
         while not self.finished and not stop.is_set():
             self.advance(timeout=0.2)
+            if self.orders.checkpoint_due():
+                self.checkpoint()
+        self.orders.ignore()
         if self.finished:
             self.validation.finish(self.recorder, self.counters.updates, stop)
         self.end()
@@ -145,7 +151,7 @@ class Learner:
         if self.last_checkpoint is None and not self.counters.updates:
             self.checkpoint()  # a learner that dies early can be resumed, too
         self.ingest.weights_version = self.counters.version
-        self.endpoint.start(self.ingest, self.validation)
+        self.endpoint.start(self.ingest, self.validation, self.orders)
         self._publish()
 
     def advance(self, timeout: float) -> bool:

@@ -52,7 +52,7 @@ Users = Annotated[
         "--users",
         metavar="FILE",
         help="Let in only these: lines of user:password, user being actor[-NAME],"
-        " dashboard[-NAME], evaluator[-NAME] or learner[-NAME].",
+        " dashboard[-NAME], evaluator[-NAME], operator[-NAME] or learner[-NAME].",
         rich_help_panel=PANEL,
     ),
 ]

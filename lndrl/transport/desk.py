@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from lndrl.transport import operation
 from lndrl.transport.interface import LearnerHandlers, ValidationHandlers
 from lndrl.transport.keys import ACTORS
 from lndrl.transport.messages import (
@@ -48,6 +49,7 @@ class LearnerDesk:
         self.run_id = run_id
         self.handlers: LearnerHandlers | None = None
         self.validation: ValidationHandlers | None = None
+        self.operator: operation.OperatorHandlers | None = None
         self._lock = threading.Lock()
         self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
         self._tested: dict[int, tuple[WeightsAnnouncement, bytes]] = {}  # where they are others
@@ -137,6 +139,10 @@ class LearnerDesk:
             return encode(answer)
         assert isinstance(question, ValidationResult)
         return encode(self._stamped(self.validation.on_validation(question)))
+
+    def answer_request(self, data: bytes) -> bytes:
+        """Whether an operator gets what it asks for."""
+        return operation.answer(data, self.operator, self.limits)
 
     def heard_of(self, key: str, alive: bool) -> None:
         """Tell the handlers of an actor whose token appeared or vanished."""

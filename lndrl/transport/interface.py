@@ -23,6 +23,7 @@ from lndrl.transport.messages import (
     ValidationTask,
     Welcome,
 )
+from lndrl.transport.operation import OperatorHandlers
 
 
 class WeightsGoneError(LookupError):
@@ -77,9 +78,12 @@ class LearnerEndpoint(Protocol):
     """Bytes of what is received; larger messages vanish or are refused."""
 
     def start(
-        self, handlers: LearnerHandlers, validation: ValidationHandlers | None = None
+        self,
+        handlers: LearnerHandlers,
+        validation: ValidationHandlers | None = None,
+        operator: OperatorHandlers | None = None,
     ) -> None:
-        """Begin to answer; without ``validation`` evaluators are refused."""
+        """Begin to answer; without ``validation`` evaluators are refused, as operators are."""
         ...
 
     def publish_weights(self, version: int, blob: bytes, tested: bytes | None = None) -> None:
@@ -243,10 +247,17 @@ class EvaluatorEndpoint(Protocol):
 
 
 class ViewerEndpoint(Protocol):
-    """A dashboard's side: only reads."""
+    """A dashboard's side: reads, and asks for something where its role may."""
 
     def status(self, timeout: float = 5.0) -> dict[str, Any]:
         """``{"snapshot": ..., "history": [...]}``; raises UserError when none came in time."""
+        ...
+
+    def request(self, action: str, run_id: str, timeout: float = 5.0) -> str:
+        """Ask for one of ``operation.REQUESTS``; a sentence that says what comes of it.
+
+        Raises UserError, with why, when nobody answers within ``timeout`` seconds.
+        """
         ...
 
     def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:

@@ -12,6 +12,7 @@ ANNOUNCE = f"{PREFIX}/announce"
 STATUS = f"{PREFIX}/status"
 ACTORS = f"{PREFIX}/actors"
 VALIDATION = f"{PREFIX}/validation"
+OPERATION = f"{PREFIX}/operation"
 PING = f"{PREFIX}/ping"
 
 

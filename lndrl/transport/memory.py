@@ -39,6 +39,7 @@ from lndrl.transport.messages import (
     decode,
     encode,
 )
+from lndrl.transport.operation import OperatorHandlers, Request, sentence_of
 
 POLL = 0.01
 
@@ -83,12 +84,16 @@ class MemoryLearner:
         self.largest_message = network.limits.max_bytes
 
     def start(
-        self, handlers: LearnerHandlers, validation: ValidationHandlers | None = None
+        self,
+        handlers: LearnerHandlers,
+        validation: ValidationHandlers | None = None,
+        operator: OperatorHandlers | None = None,
     ) -> None:
         """Begin to answer; actors that are already there are reported as members."""
         if self._network.desk is not None:
             raise UserError("this process already has a learner; close it first")
         self._desk.handlers, self._desk.validation = handlers, validation
+        self._desk.operator = operator
         self._network.desk = self._desk
         for actor in list(self._network.actors):
             actor.report(alive=True)
@@ -290,6 +295,13 @@ class MemoryViewer:
             if time.monotonic() >= deadline or self._closed.is_set():
                 raise UserError(f"no learner in this process gave a status within {timeout:g} s")
             time.sleep(POLL)
+
+    def request(self, action: str, run_id: str, timeout: float = 5.0) -> str:
+        """Ask the learner of this process for something."""
+        desk = self._network.desk
+        if desk is None:
+            raise UserError("no learner runs in this process")
+        return sentence_of(desk.answer_request(encode(Request(action, run_id, "this process"))))
 
     def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:
         """Snapshots as they are published."""

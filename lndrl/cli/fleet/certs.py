@@ -18,6 +18,7 @@ _PLACES = {
     "dashboard": "where dashboards run",
     "evaluator": "where an evaluator runs",
     "site": "the door of a site (lndrl site)",
+    "operator": "where somebody watches who may stop the run",
 }
 
 
@@ -51,8 +52,8 @@ def certs(
         typer.Option(
             "--renew",
             metavar="ROLE",
-            help="New certificates for these roles (learner, actor, dashboard, evaluator, site),"
-            " same authority.",
+            help="New certificates for these roles (learner, actor, dashboard, evaluator, operator,"
+            " site), same authority.",
             show_default=False,
         ),
     ] = None,

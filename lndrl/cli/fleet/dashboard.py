@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -40,8 +41,9 @@ def dashboard(
 ) -> None:
     """Watch a running learner from another terminal.
 
-    On a terminal: a live view, ? shows its keys, q leaves. Elsewhere: one line per update. It only
-    reads, so it can neither slow nor harm the training. When the learner goes away it keeps trying.
+    On a terminal: a live view, ? shows its keys, q leaves. Elsewhere: one line per update. It can
+    neither slow nor harm the training, but for what an operator asks for on purpose. When the
+    learner goes away it keeps trying.
     """
     from rich.console import Console
 
@@ -54,7 +56,8 @@ def dashboard(
     if theme not in THEMES:
         raise UserError(f"--theme {theme}: unknown; write {', '.join(THEMES)}")
     transport = client_transport(endpoint, namespace)
-    security = connecting("dashboard", certs, user, password_file, zenoh)
+    role = _role(certs, user)
+    security = connecting(role, certs, user, password_file, zenoh)
     viewer = open_viewer(endpoint, transport, security)
     feed = None
     console = Console(highlight=False)
@@ -75,6 +78,16 @@ def dashboard(
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     finally:
         feed.close() if feed is not None else viewer.close()
+
+
+def _role(certs: Path | None, user: str | None) -> str:
+    """operator for who has its certificate or is a user of that name, else dashboard."""
+    from lndrl.transport.security.access import role_of
+
+    if user is not None:
+        return "operator" if role_of(user) == "operator" else "dashboard"
+    has_one = certs is not None and (certs / "operator.pem").exists()
+    return "operator" if has_one else "dashboard"
 
 
 def _write(line: str) -> None:

@@ -29,8 +29,8 @@ def doctor(
         typer.Option(
             "--role",
             metavar="ROLE",
-            help="actor, dashboard, evaluator or learner; else every role with a certificate in"
-            " --certs.",
+            help="actor, dashboard, evaluator, operator or learner; else every role with a"
+            " certificate in --certs.",
             show_default=False,
         ),
     ] = None,

@@ -299,12 +299,25 @@ class _Screen:
         from lndrl.view.dashboard.keys import key_presses
 
         keys = self._stack.enter_context(key_presses())
-        board = Board(self._console, keys, leaving="Ctrl-C stops, --resume goes on", leaves=False)
+        board = Board(
+            self._console,
+            keys,
+            leaving="Ctrl-C stops, --resume goes on",
+            leaves=False,
+            request=self._request,
+        )
         self._board = self._stack.enter_context(board)
         return self
 
     def __exit__(self, *details: object) -> None:
         self._stack.close()
+
+    def _request(self, action: str) -> str:
+        from lndrl.transport.operation import Granted, Request
+
+        request = Request(action, self._learner.folder.run_id, "this terminal")
+        answer = self._learner.orders.on_request(request)
+        return answer.sentence if isinstance(answer, Granted) else f"refused: {answer.reason}"
 
     def update(self) -> None:
         """Heed the keys, and redraw what is new."""

@@ -16,6 +16,7 @@ from lndrl.transport.keys import (
     ACTORS,
     ANNOUNCE,
     HELLO,
+    OPERATION,
     PING,
     STATUS,
     UPLOAD,
@@ -24,7 +25,7 @@ from lndrl.transport.keys import (
     in_namespace,
 )
 
-ROLES = ("learner", "actor", "dashboard", "evaluator", "site")
+ROLES = ("learner", "actor", "dashboard", "evaluator", "operator", "site")
 EVERY_UPLOAD = f"{UPLOAD}/**"
 EVERY_ACTOR = f"{ACTORS}/**"
 
@@ -57,6 +58,9 @@ RIGHTS = (
     Right("actor", "appear", EVERY_ACTOR),
     *(Right("dashboard", "ask", key) for key in (STATUS, PING)),
     Right("dashboard", "hear", STATUS),
+    # An operator is a dashboard that may also ask for something.
+    *(Right("operator", "ask", key) for key in (STATUS, PING, OPERATION)),
+    Right("operator", "hear", STATUS),
     # What to validate and what came of it are asked and told under one key.
     *(Right("evaluator", "ask", key) for key in (VALIDATION, WEIGHTS, PING)),
     # A site asks for all its actors and evaluators, and they appear through it.
@@ -69,7 +73,7 @@ RIGHTS = (
     # A learner that is itself the router passes no rule; these serve one behind a router.
     *(
         Right("learner", "answer", key)
-        for key in (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING)
+        for key in (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, OPERATION, PING)
     ),
     *(Right("learner", "say", key) for key in (ANNOUNCE, STATUS)),
     Right("learner", "watch", EVERY_ACTOR),

@@ -23,7 +23,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from lndrl.errors import UserError
 
-ROLES = ("learner", "actor", "dashboard", "evaluator", "site")
+ROLES = ("learner", "actor", "dashboard", "evaluator", "operator", "site")
 SERVING = ("learner", "site")
 """Roles that others connect to: their certificates carry names."""
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")

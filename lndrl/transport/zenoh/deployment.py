@@ -19,6 +19,7 @@ from lndrl.transport.zenoh.config import merged
 
 CERTIFICATES = "certs"
 USERS = "users"
+_COMMAND = {"operator": "dashboard"}  # that of a role which has none of its own
 _ROUTER = {
     "mode": "router",
     "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
@@ -59,10 +60,12 @@ def files(namespaces: Sequence[str] = ("",)) -> dict[str, str]:
             merged(_router("tcp/0.0.0.0:7447"), with_users),
         ),
     }
-    for role in ("actor", "dashboard", "evaluator"):
+    for role in ("actor", "dashboard", "evaluator", "operator"):
         tls = {"transport": {"link": {"protocols": ["tls"], "tls": _tls(role, "connect")}}}
         found[f"{role}-tls.json5"] = _file(
-            f"A client of the role {role}: lndrl {role} --connect tls/HOST:PORT --zenoh THIS.", tls
+            f"A client of the role {role}: lndrl {_COMMAND.get(role, role)} --connect"
+            " tls/HOST:PORT --zenoh THIS.",
+            tls,
         )
     return found
 

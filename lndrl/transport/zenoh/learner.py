@@ -18,6 +18,7 @@ from lndrl.transport.keys import (
     ACTORS,
     ANNOUNCE,
     HELLO,
+    OPERATION,
     PING,
     STATUS,
     TESTED,
@@ -25,6 +26,7 @@ from lndrl.transport.keys import (
     WEIGHTS,
 )
 from lndrl.transport.messages import NO_WEIGHTS, Limits, encode
+from lndrl.transport.operation import OperatorHandlers
 from lndrl.transport.security.identity import Security
 from lndrl.transport.zenoh.intake import CAPACITY, UploadIntake, bytes_of
 from lndrl.transport.zenoh.session import (
@@ -74,10 +76,14 @@ class ZenohLearner:
         )
 
     def start(
-        self, handlers: LearnerHandlers, validation: ValidationHandlers | None = None
+        self,
+        handlers: LearnerHandlers,
+        validation: ValidationHandlers | None = None,
+        operator: OperatorHandlers | None = None,
     ) -> None:
         """Begin to answer."""
         self._desk.handlers, self._desk.validation = handlers, validation
+        self._desk.operator = operator
         session = self._session
         members = session.zenoh.liveliness().declare_subscriber(
             f"{ACTORS}/**", zenoh.handlers.FifoChannel(CAPACITY), history=True
@@ -89,6 +95,7 @@ class ZenohLearner:
             ("announce", ANNOUNCE, self._on_announce),
             ("ping", PING, self._on_ping),
             ("validation", VALIDATION, self._on_validation),
+            ("operation", OPERATION, self._on_operation),
             ("hello", HELLO, self._on_hello),
         ):
             queryable = session.zenoh.declare_queryable(key, zenoh.handlers.FifoChannel(CAPACITY))
@@ -136,6 +143,11 @@ class ZenohLearner:
         with query:
             if str(query.key_expr) == VALIDATION:
                 query.reply(VALIDATION, self._desk.answer_validation(bytes_of(query)))
+
+    def _on_operation(self, query: zenoh.Query) -> None:
+        with query:
+            if str(query.key_expr) == OPERATION:
+                query.reply(OPERATION, self._desk.answer_request(bytes_of(query)))
 
     def _on_weights(self, query: zenoh.Query) -> None:
         with query:

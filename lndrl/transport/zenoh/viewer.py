@@ -1,8 +1,9 @@
-"""A dashboard's side over Zenoh: reads the status, leaves no trace in the learner."""
+"""A dashboard's side over Zenoh: reads the status; an operator's also asks for something."""
 
 from __future__ import annotations
 
 import json
+import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -12,7 +13,9 @@ import zenoh
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
-from lndrl.transport.keys import STATUS
+from lndrl.transport.keys import OPERATION, STATUS
+from lndrl.transport.messages import encode
+from lndrl.transport.operation import Request, sentence_of
 from lndrl.transport.security.identity import Security, parse_endpoint
 from lndrl.transport.zenoh.config import destination
 from lndrl.transport.zenoh.session import (
@@ -63,6 +66,27 @@ class ZenohViewer:
         raise UserError(
             f"the learner at {self._destination} {problem} (waited {timeout:g} s);"
             f" {cure(self._security)}"
+        )
+
+    def request(self, action: str, run_id: str, timeout: float = 5.0) -> str:
+        """What comes of asking for ``action``, in words."""
+        user = f"{self._security.user} at " if self._security.user else ""
+        sender = f"{self._security.role} {user}{socket.gethostname()}"[:200]
+        question = encode(Request(action, run_id, sender))
+        try:
+            sample = self._connect(timeout).query(OPERATION, question, timeout)
+        except UnreachableError:
+            raise UserError(f"the learner at {self._destination} does not answer") from None
+        if sample is not None:
+            return sentence_of(sample.payload.to_bytes())
+        known = self._security.certificates is not None or self._security.user is not None
+        if known and self._security.role != "operator":
+            raise UserError(
+                f"refused: the role {self._security.role} may only look; a {action} takes the"
+                " certificate (operator.pem) or a user of the role operator"
+            )
+        raise UserError(
+            f"the learner lets this viewer ask for no {action}, or is of an older version"
         )
 
     def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:

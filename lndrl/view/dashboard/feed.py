@@ -27,6 +27,10 @@ class Viewer(Protocol):
         """``{"snapshot": ..., "history": [...]}``; raises where no learner answers."""
         ...
 
+    def request(self, action: str, run_id: str, timeout: float = PATIENCE) -> str:
+        """What comes of asking for ``action``, in words; raises UserError with why nothing."""
+        ...
+
     def close(self) -> None:
         """End the connection."""
         ...
@@ -80,6 +84,18 @@ class Feed:
     def newest(self) -> News:
         """The last answer that held something new."""
         return self._newest
+
+    def request(self, action: str) -> str:
+        """What comes of asking the learner for ``action``, in words; takes up to PATIENCE s."""
+        viewer = self._viewer
+        if viewer is None:
+            return "nothing can be asked: there is no connection"
+        try:
+            return viewer.request(action, self._newest.status.run_id, PATIENCE)
+        except UserError as error:
+            return str(error)
+        except Exception as error:  # of a connection that is lost meanwhile
+            return f"nobody answered ({type(error).__name__})"
 
     def close(self) -> None:
         """Stop asking and end the connection; does not wait for an answer that is due."""

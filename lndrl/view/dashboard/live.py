@@ -25,7 +25,7 @@ LINE_EVERY = 30.0
 def show_live(feed: Feed, console: Console, theme: str = "auto") -> None:
     """Redraw until q is pressed; raises KeyboardInterrupt on Ctrl-C, the terminal restored."""
     with key_presses() as keys:
-        board = Board(console, keys, theme)
+        board = Board(console, keys, theme, request=feed.request)
         with board:
             while board.turn(feed.newest, REDRAW_EVERY):
                 pass

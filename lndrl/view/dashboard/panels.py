@@ -61,6 +61,7 @@ EVENT_COLOURS = {
     "resume": GOOD,
     "checkpoint": SKY,
     "validated": GOOD,
+    "operator": SKY,
     "leave": WARNING,
     "gone": WARNING,
     "slow": WARNING,

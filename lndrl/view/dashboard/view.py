@@ -22,6 +22,8 @@ KEYS = (
     ("PgUp PgDn Home End", "scroll actors or events; arrows do, too, on the whole screen"),
     ("s", "actors by: worst first, name, host, steps/s, lag, steps"),
     ("/", "only actors whose name, host or state has these words; Esc: all"),
+    ("c", "ask the learner for a checkpoint; takes the role operator"),
+    ("S", "twice: stop the run, which leaves a checkpoint; takes the role operator"),
 )
 """Keys as the help shows them."""
 
@@ -45,6 +47,8 @@ class View:
     """Rows of actors above the first one shown."""
     back: int = 0
     """Newer events below the last one shown."""
+    stop_asked: float | None = None
+    """Monotonic s of the first S."""
 
 
 @dataclass(frozen=True)
@@ -59,17 +63,35 @@ class Extent:
 
 
 def press(
-    view: View, key: str, extent: Extent | None = None, panels: Sequence[str] = PANELS
+    view: View,
+    key: str,
+    extent: Extent | None = None,
+    panels: Sequence[str] = PANELS,
+    now: float = 0.0,
 ) -> tuple[View, str]:
-    """The view after ``key`` (see ``keys.NAMES``), and what is asked for: "leave" or nothing.
+    """The view after ``key`` (see ``keys.NAMES``), and what is asked for: nothing, or one word.
 
-    ``panels`` are those that there are.
+    The words are leave, checkpoint and stop. ``panels`` are those that there are, ``now`` is in
+    monotonic s.
     """
     extent = extent or Extent()
     if view.typing:
         return _type(view, key), ""
     if view.helping:
         return replace(view, helping=False), ""
+    asked = view.stop_asked
+    view = replace(view, stop_asked=None)  # any other key is a no
+    if key == "S":
+        if asked is not None and now - asked <= ASK_AGAIN_WITHIN:
+            return view, "stop"
+        return replace(view, stop_asked=now), ""
+    if key == "c":
+        return view, "checkpoint"
+    return _looking(view, key, extent, panels)
+
+
+def _looking(view: View, key: str, extent: Extent, panels: Sequence[str]) -> tuple[View, str]:
+    """What keys do that only change what is seen."""
     if key in ("q", "Q"):
         return view, "leave"
     if key == "?":

@@ -21,6 +21,7 @@ from lndrl.transport import (
 from lndrl.transport.keys import (
     ANNOUNCE,
     HELLO,
+    OPERATION,
     PING,
     STATUS,
     UPLOAD,
@@ -35,7 +36,7 @@ PATIENCE = 60.0  # s, for machines with much else to do
 PONG = {"program_version": VERSION, "protocol": PROTOCOL_VERSION, "run_id": "first"}
 NEWS = encode(WeightsAnnouncement(3, 10, "00000000", "one"))
 TLS = "transport/link/tls"
-ALL_KEYS = [PING, HELLO, ANNOUNCE, WEIGHTS, f"{UPLOAD}/**", STATUS, VALIDATION]
+ALL_KEYS = [PING, HELLO, ANNOUNCE, WEIGHTS, f"{UPLOAD}/**", STATUS, VALIDATION, OPERATION]
 
 
 def mutual(folder: Path, **changed: Any) -> dict[str, Any]:

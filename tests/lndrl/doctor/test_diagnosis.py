@@ -23,7 +23,7 @@ from lndrl.transport import (
     free_endpoint,
     open_learner,
 )
-from lndrl.transport.keys import PING, STATUS, VALIDATION, WEIGHTS
+from lndrl.transport.keys import OPERATION, PING, STATUS, VALIDATION, WEIGHTS
 from lndrl.transport.security import certificates
 from lndrl.transport.security.access import ROLES
 from lndrl.transport.zenoh.learner import ZenohLearner
@@ -136,6 +136,7 @@ def test_all_roles_are_right_with_certificates(folder: Path, brief: None) -> Non
         "dashboard": [PING, STATUS],
         "evaluator": [PING, WEIGHTS, VALIDATION],
         "site": [*ALL_KEYS[:5], VALIDATION],
+        "operator": [PING, STATUS, OPERATION],
         "learner": ["lndrl/**"],
     }
     with learner("tls", mutual(folder) | access(roles)) as endpoint:

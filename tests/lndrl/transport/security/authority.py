@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-ROLES = ("learner", "actor", "dashboard", "evaluator", "site")
+ROLES = ("learner", "actor", "dashboard", "evaluator", "operator", "site")
 
 
 def make_certificates(folder: Path, address: str = "127.0.0.1") -> Path:

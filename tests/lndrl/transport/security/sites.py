@@ -26,6 +26,7 @@ from lndrl.transport import (
     open_learner,
 )
 from lndrl.transport.keys import ACTORS, STATUS, UPLOAD
+from lndrl.transport.operation import Granted, Request
 from lndrl.transport.security.access import EVERY_ACTOR, EVERY_UPLOAD
 from lndrl.transport.zenoh.session import (
     ZenohSession,
@@ -41,6 +42,7 @@ PASSWORDS = {
     "dashboard": "sees",
     "evaluator": "tests",
     "site": "stands between",
+    "operator": "decides",
     "learner": "l",
 }
 
@@ -52,6 +54,7 @@ class Handlers:
         self.sequences: list[int] = []
         self.members: list[tuple[str, bool]] = []
         self.validated: list[int] = []
+        self.requests: list[Request] = []
 
     def on_hello(self, hello: Hello) -> Welcome | Refusal:
         return Welcome("run", {}, 0)
@@ -66,6 +69,10 @@ class Handlers:
     def on_validation(self, result: ValidationResult) -> Ack:
         self.validated.append(result.version)
         return Ack("accepted")
+
+    def on_request(self, request: Request) -> Granted | Refusal:
+        self.requests.append(request)
+        return Granted(f"a {request.action} it is")
 
     def on_malformed(self, reason: str) -> None:
         pass
@@ -110,7 +117,7 @@ class Site:
             self.config, "run-1", self.security("learner", listens=True, **changes)
         )
         self.open.append(learner)
-        learner.start(self.handlers, self.handlers)
+        learner.start(self.handlers, self.handlers, self.handlers)
         return learner
 
     def session(self, role: str, user: str | None = None, **changes: Any) -> ZenohSession:

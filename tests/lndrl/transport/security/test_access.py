@@ -9,7 +9,15 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from lndrl.transport.keys import ANNOUNCE, HELLO, PING, STATUS, VALIDATION, WEIGHTS
+from lndrl.transport.keys import (
+    ANNOUNCE,
+    HELLO,
+    OPERATION,
+    PING,
+    STATUS,
+    VALIDATION,
+    WEIGHTS,
+)
 from lndrl.transport.security.access import (
     EVERY_ACTOR,
     EVERY_UPLOAD,
@@ -20,7 +28,7 @@ from lndrl.transport.security.identity import settings
 from tests.lndrl.transport.security.sites import ANYTHING, PATIENCE, Site, Watcher
 
 KEYS = (
-    *(HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING),
+    *(HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, OPERATION, PING),
     *(EVERY_ACTOR, ANYTHING),
 )
 ACTIONS = ("ask", "answer", "hear", "say", "delete", "appear", "watch")
@@ -28,25 +36,64 @@ ACTIONS = ("ask", "answer", "hear", "say", "delete", "appear", "watch")
 # Everything that whoever is no learner must not do, key by key; the rest is what they are for.
 MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
     "actor": {
-        "ask": (STATUS, VALIDATION, EVERY_ACTOR, ANYTHING),
+        "ask": (STATUS, VALIDATION, OPERATION, EVERY_ACTOR, ANYTHING),
         "answer": KEYS,
-        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, STATUS, VALIDATION, PING, EVERY_ACTOR, ANYTHING),
+        "hear": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            STATUS,
+            VALIDATION,
+            OPERATION,
+            PING,
+            EVERY_ACTOR,
+            ANYTHING,
+        ),
         "say": KEYS,
         "delete": KEYS,
-        "appear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING, ANYTHING),
+        "appear": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            ANNOUNCE,
+            STATUS,
+            VALIDATION,
+            OPERATION,
+            PING,
+            ANYTHING,
+        ),
         "watch": KEYS,
     },
     "dashboard": {
-        "ask": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, EVERY_ACTOR, ANYTHING),
+        "ask": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            ANNOUNCE,
+            VALIDATION,
+            OPERATION,
+            EVERY_ACTOR,
+            ANYTHING,
+        ),
         "answer": KEYS,
-        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, PING, EVERY_ACTOR, ANYTHING),
+        "hear": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            ANNOUNCE,
+            VALIDATION,
+            OPERATION,
+            PING,
+            EVERY_ACTOR,
+            ANYTHING,
+        ),
         "say": KEYS,
         "delete": KEYS,
         "appear": KEYS,
         "watch": KEYS,
     },
     "evaluator": {
-        "ask": (HELLO, EVERY_UPLOAD, ANNOUNCE, STATUS, EVERY_ACTOR, ANYTHING),
+        "ask": (HELLO, EVERY_UPLOAD, ANNOUNCE, STATUS, OPERATION, EVERY_ACTOR, ANYTHING),
         "answer": KEYS,
         "hear": KEYS,
         "say": KEYS,
@@ -54,13 +101,52 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
         "appear": KEYS,
         "watch": KEYS,
     },
-    "site": {
-        "ask": (STATUS, EVERY_ACTOR, ANYTHING),
+    "operator": {
+        "ask": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, EVERY_ACTOR, ANYTHING),
         "answer": KEYS,
-        "hear": (HELLO, EVERY_UPLOAD, WEIGHTS, STATUS, VALIDATION, PING, EVERY_ACTOR, ANYTHING),
+        "hear": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            ANNOUNCE,
+            VALIDATION,
+            OPERATION,
+            PING,
+            EVERY_ACTOR,
+            ANYTHING,
+        ),
         "say": KEYS,
         "delete": KEYS,
-        "appear": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, PING, ANYTHING),
+        "appear": KEYS,
+        "watch": KEYS,
+    },
+    "site": {
+        "ask": (STATUS, OPERATION, EVERY_ACTOR, ANYTHING),
+        "answer": KEYS,
+        "hear": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            STATUS,
+            VALIDATION,
+            OPERATION,
+            PING,
+            EVERY_ACTOR,
+            ANYTHING,
+        ),
+        "say": KEYS,
+        "delete": KEYS,
+        "appear": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            ANNOUNCE,
+            STATUS,
+            VALIDATION,
+            OPERATION,
+            PING,
+            ANYTHING,
+        ),
         "watch": KEYS,
     },
 }

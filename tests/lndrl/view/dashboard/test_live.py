@@ -142,6 +142,9 @@ def test_live_view_draws_and_q_quits(answer: Answer, monkeypatch: pytest.MonkeyP
         class PressingFeed:
             newest = property(press)
 
+            def request(self, action: str) -> str:
+                return ""
+
         file = io.StringIO()
         console = Console(file=file, force_terminal=True, width=120, height=40)
         show_live(PressingFeed(), console)  # type: ignore[arg-type]

@@ -27,7 +27,8 @@ class Talker:
         self.endpoint = free_endpoint()
         config = TransportConfig(endpoint=self.endpoint)
         self.learner: LearnerEndpoint = open_learner(config, "r1")
-        self.learner.start(Handlers())
+        self.handlers = Handlers()
+        self.learner.start(self.handlers, self.handlers, self.handlers)
         self.say()
 
     def say(self, **changes: Any) -> None:
@@ -94,6 +95,14 @@ def test_keys_work_and_nothing_overflows(
     program.read()
     assert "777,777" not in program.screen.text
     program.press(" ", "777,777")
+    talker.handlers.requests.clear()
+    program.press("c", "a checkpoint it is")
+    program.press("S", "S again within 10 s stops the run")
+    program.press("S", "a stop it is")
+    assert [(r.action, r.run_id) for r in talker.handlers.requests] == [
+        ("checkpoint", "r1"),
+        ("stop", "r1"),
+    ]
     program.type("q")
     assert program.end() == 0
     assert program.restored()

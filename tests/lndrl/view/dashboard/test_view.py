@@ -85,3 +85,14 @@ def test_q_leaves_but_not_from_help_or_while_typing() -> None:
     assert press(View(), "q")[1] == "leave"
     assert press(View(helping=True), "q") == (View(), "")
     assert press(View(typing=True), "q") == (View(typing=True, needle="q"), "")
+
+
+def test_a_stop_is_asked_twice() -> None:
+    view, asked = press(View(), "S", EXTENT, now=100.0)
+    assert asked == "" and view.stop_asked == 100.0
+    assert press(view, "S", EXTENT, now=109.0)[1] == "stop"
+    assert press(view, "S", EXTENT, now=111.0) == (View(stop_asked=111.0), "")
+    other, _ = press(view, "tab", EXTENT, now=101.0)
+    assert press(other, "S", EXTENT, now=102.0)[1] == "", "any other key is a no"
+    assert press(View(typing=True), "S", EXTENT) == (View(typing=True, needle="S"), "")
+    assert press(View(), "c", EXTENT) == (View(), "checkpoint")
