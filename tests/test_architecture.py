@@ -116,6 +116,7 @@ LIBRARIES = {
     "mcap": {"lndrl.robot"},
     "xxhash": {"lndrl.robot"},
     "typer": {"lndrl.cli"},
+    "jinja2": {"lndrl.view"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
@@ -86,6 +87,6 @@ class HTMLPage(HTMLParser):
         found += ["a th without scope" for a in self.of("th") if "scope" not in a]
         levels = [level for level, _ in self.headings]
         found += ["h1 is not once and first"] if levels[0] != 1 or levels.count(1) != 1 else []
-        pairs = zip(levels, levels[1:], strict=False)
+        pairs = pairwise(levels)
         found += [f"h{b} after h{a}" for a, b in pairs if b > a + 1]
         return found
