@@ -119,6 +119,7 @@ LIBRARIES = {
     "typer": {"lndrl.cli"},
     "asyncssh": {"lndrl.placement", "lndrl.cli"},
     "submitit": {"lndrl.placement", "lndrl.cli"},
+    "jinja2": {"lndrl.view"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450

@@ -27,8 +27,8 @@ from lndrl.transport.zenoh.config import build
 CLOSE_SECONDS = 3.0
 SLOWEST_MESSAGE = 300.0
 """s that a message may take to leave, all its fragments together, before zenoh closes the link:
-with zenoh's own 5 s weights of 30 MB never pass a link of less than 6 MB/s. Peers that have frozen are
-found by the lease."""
+with zenoh's own 5 s weights of 30 MB never pass a link of less than 6 MB/s. Peers that have frozen
+are found by the lease."""
 logger = logging.getLogger(__name__)
 
 

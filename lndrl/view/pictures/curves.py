@@ -175,6 +175,7 @@ def outcomes_figure(
     _draw_outcomes(axes, steps, rows)
     _draw_phases(axes, steps, rows)
     _draw_validated(axes, validated)
+    axes.xaxis.set_major_locator(MaxNLocator(6))
     return figure
 
 

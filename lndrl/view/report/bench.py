@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.view.palette import OUTCOME_WORD
-from lndrl.view.pictures.rates import Share, rates_figure
+from lndrl.view.report.rates import Share, rates_figure
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,

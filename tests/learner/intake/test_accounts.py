@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from learner.intake.accounts import Accounts, Recovery
-from learner.intake.ledger import FILES, RULES, ChunkId, Ledger
+from learner.intake.ledger import FILES, RULES, ChunkId, Ledger, newest_totals
 from learner.intake.roster import Roster
 
 A, B = ("a", "x", 1), ("b", "y", 1)
@@ -277,6 +277,20 @@ def test_the_file_is_bounded_and_totals_outlive_rotation(tmp_path: Path) -> None
     assert recovery.notes == []
     assert after["trained"] == before["trained"] and after["accepted"] == before["accepted"]
     assert after["dropped"]["restart"] == before["waiting"]
+
+
+def test_the_newest_totals_are_read_past_what_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.jsonl"
+    assert newest_totals(path) is None
+    path.write_text("")
+    assert newest_totals(path) is None
+    tally = {"chunks": 1, "samples": 8}
+    totals = {"accepted": tally, "trained": tally, "dropped": {}, "waiting": tally}
+    rows = [{"kind": "checkpoint", "update": n, "step": 10 * n, "totals": totals} for n in (1, 2)]
+    rows += [{**rows[0], "totals": {**totals, "waiting": {"chunks": -1, "samples": 0}}}]
+    rows += [{"kind": "accepted", "actor": "checkpoint", "samples": 4}, {"kind": "checkpoint"}]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows) + '{"kind": "checkpoint", "st')
+    assert newest_totals(path) == (totals, 20)
 
 
 def test_the_file_before_is_read_where_the_checkpoint_is_older(tmp_path: Path) -> None:
