@@ -20,6 +20,7 @@ from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
 from lndrl import kernels
 from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
+from lndrl.machine.load import Load
 from lndrl.machine.memory import return_what_is_free
 from lndrl.machine.threads import set_threads
 from lndrl.transport import (
@@ -75,6 +76,7 @@ class Actor:
         self.rollout: Rollout | None = None
         self.chunks = 0  # collected in this incarnation
         self.laps = Laps()
+        self._load = Load()
         self._fetcher = Fetcher(endpoint) if alone else None
         self._alone = alone
         self._worlds, self._siblings, self._device = worlds, siblings, device
@@ -333,6 +335,7 @@ class Actor:
             timing=self.laps.take(),
             host=socket.gethostname(),
             pid=os.getpid(),
+            machine=self._load.now(),
         )
         self.endpoint.upload(header, chunk.trajectory.to_arrays())
         self.laps.lap("upload")  # known only now, so it is told with the next chunk

@@ -35,6 +35,7 @@ from learner.run.checkpoint import (
 )
 from learner.run.events import EventLog
 from learner.run.folder import RunFolder
+from learner.run.history import History
 from learner.run.orders import Orders
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.run.validation import Validation
@@ -43,10 +44,11 @@ from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.curve import read_curve
 from lndrl.errors import UserError
+from lndrl.machine.load import Load
 from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
-from lndrl.transport.status import LEARNER_ACTIVITIES
+from lndrl.transport.status import LEARNER_ACTIVITIES, MOST_LAG
 
 _MOST_FAILURES = 3  # updates in a row that diverge before the learner gives up
 
@@ -111,7 +113,9 @@ class Learner:
         self.split = TimeSplit(LEARNER_ACTIVITIES)
         self.figures: dict[str, float] = {}
         self.lag: dict[str, float] = {}
-        self.history: list[dict[str, Any]] = []
+        self.lag_shares: list[float] = []  # of samples, by lag
+        self.history = History()
+        self.load = Load()
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
         self._memory = MemoryTide(self.ppo.each_thread)
@@ -124,6 +128,7 @@ class Learner:
         self._announce(f"from step {self.counters.steps:,}" if resume else begin)
         aside = self._take_up(chosen, books) if chosen is not None else []
         self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
+        self.history.take_up(self.folder.path / "metrics.jsonl", history_row)
         self.validation = self._validation(self.counters.steps if aside else None)
 
     # -- the loop ----------------------------------------------------------------------------
@@ -305,6 +310,8 @@ class Learner:
         self._failures = 0
         self._learned_in = self.stage.phase
         self.lag = {"mean": float(lag.mean()), "max": int(lag.max())}
+        counts = np.bincount(np.minimum(lag.ravel(), MOST_LAG).astype(np.int64))
+        self.lag_shares = (counts / counts.sum()).tolist()
         self.counters.steps += len(batch)
         self.counters.updates += 1
         self.accounts.train(self.counters.updates, [chunk.id for chunk in chunks])
@@ -354,8 +361,7 @@ class Learner:
         row = metrics_row(self, self._learned_in, samples, seconds)
         self.recorder.add(row)
         self.first_update = self.first_update or time.monotonic()
-        self.history.append(history_row(row))
-        del self.history[:-600]
+        self.history.add(history_row(row))
 
     def checkpoint(self) -> None:
         """Write a checkpoint; a disk that refuses is reported and training goes on."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from threading import Event, Thread
 from typing import Any
@@ -45,7 +46,9 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "actors": actors,
         "episodes": learner.episodes.figures(),
         "ppo": learner.figures,
-        "lag": learner.lag,
+        "lag": {**learner.lag, "shares": learner.lag_shares},
+        "host": socket.gethostname(),
+        "machine": learner.load.now(),
         "dropped": whole.dropped(),
         "accounts": whole.accounts(),
         "queue": whole.waiting(),

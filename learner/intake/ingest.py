@@ -143,6 +143,7 @@ class Ingest:
         )
         if member is None:
             return self._refuse(header, "this learner has all the actors that it can serve")
+        self.roster.hear_load(header.actor_id, header.machine)
         chunk = Chunk(
             *(header.actor_id, header.incarnation, header.sequence, member.index),
             *(trajectory, episodes, size),

@@ -44,6 +44,7 @@ class Member:
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_RHYTHM))  # s
     kernels: tuple[int, int] = (0, 0)  # that it has, of those that it needs; while it compiles
     late: int = 0  # chunks that came since it vanished
+    machine: dict[str, float] = field(default_factory=dict)  # how busy its host is
     version: int = 0
     steps: int = 0
     restarts: int = 0
@@ -154,6 +155,12 @@ class Roster:
                 member.alive = member.alive or hello
             return member
 
+    def hear_load(self, actor_id: str, machine: Mapping[str, float]) -> None:
+        """What an actor says of the machine that it runs on."""
+        with self._lock:
+            if actor_id in self._members:
+                self._members[actor_id].machine = dict(machine)
+
     def retire(self, actor_id: str) -> None:
         """Leave an actor out of the rows once it is gone: it was taken away on purpose."""
         with self._lock:
@@ -251,6 +258,7 @@ class Roster:
                     "rate": member.rates.rate(60.0) if member.alive else 0.0,
                     "restarts": member.restarts,
                     "time_split": shares_of(spent),
+                    "machine": member.machine,
                 }
             )
         return rows

@@ -11,7 +11,7 @@ from learner.intake.ingest import Ingest
 from learner.intake.lanes import Lanes
 from lndrl.transport.status import shares_of
 
-_DELIVERED = ("last_ack_age", "lag", "steps", "rate", "time_split")
+_DELIVERED = ("last_ack_age", "lag", "steps", "rate", "time_split", "machine")
 """What of an actor's row only the rank knows that takes in its uploads."""
 
 

@@ -18,7 +18,8 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, ranks, weights, "
-            "transport, train, memory, tls, robot, or all; gpu: all that wants one, in minutes; "
+            "transport, train, memory, dashboard, tls, robot, or all; gpu: all that wants one, in "
+            "minutes; "
             "fleet: how many actors a learner carries"
         ),
     ],

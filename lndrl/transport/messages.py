@@ -85,6 +85,14 @@ def _boolean(name: str, value: Any) -> None:
         raise MessageError(f"{name} must be true or false")
 
 
+def _machine(value: Any) -> None:
+    most = {"cpu": 1.0, "memory": 1.0, "cores": 1e6, "gigabytes": 1e9}
+    if not isinstance(value, dict) or not all(
+        type(each) is float and 0 <= each <= most.get(key, -1.0) for key, each in value.items()
+    ):
+        raise MessageError(f"machine must map some of {', '.join(most)} to numbers in range")
+
+
 @dataclass(frozen=True)
 class Message:
     """A message as a dataclass; ``KIND`` names it on the wire."""
@@ -202,7 +210,8 @@ class ChunkHeader(Message):
     """What an upload says about itself; its arrays travel beside it.
 
     ``sequence`` counts the uploads of one incarnation from 1. ``timing`` holds seconds per
-    activity since the last chunk, ``episodes`` the records of episodes that ended in the chunk.
+    activity since the last chunk, ``episodes`` the records of episodes that ended in the chunk,
+    ``machine`` how busy the actor's host is (``status.Machine``; empty: not known).
     """
 
     KIND: ClassVar[str] = "chunk"
@@ -216,8 +225,10 @@ class ChunkHeader(Message):
     timing: dict[str, float] = field(default_factory=dict)
     host: str = ""
     pid: int = 0
+    machine: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        _machine(self.machine)
         _text("run_id", self.run_id, empty=False)
         _identifier("actor_id", self.actor_id)
         _identifier("incarnation", self.incarnation)

@@ -73,4 +73,7 @@ def sentence_of(data: bytes) -> str:
         found, _ = decode(data, Granted, Refusal)
     except MessageError:
         return "the learner's answer cannot be read; install the same lndrl version on both sides"
-    return found.sentence if isinstance(found, Granted) else f"refused: {found.reason}"
+    if isinstance(found, Granted):
+        return found.sentence
+    assert isinstance(found, Refusal)
+    return f"refused: {found.reason}"

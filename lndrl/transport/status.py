@@ -75,6 +75,19 @@ class StatusModel(Model):
     model_config = ConfigDict(extra="ignore", populate_by_name=True)
 
 
+MOST_LAG = 15
+"""Versions from which on all lags count as one in ``Lag.shares``."""
+
+
+class Machine(StatusModel):
+    """How busy a machine is; nothing known: 0 cores."""
+
+    cpu: Share = 0.0
+    memory: Share = 0.0
+    cores: Amount = 0.0
+    gigabytes: Amount = Field(0.0, description="memory in 2^30 bytes")
+
+
 class Rate(StatusModel):
     """Environment steps per second over the last 10, 60 and 300 s."""
 
@@ -100,6 +113,7 @@ class ActorStatus(StatusModel):
     rate: Amount = Field(0.0, description="steps/s")
     restarts: Count = 0
     time_split: dict[str, Share] = Field(default_factory=dict)
+    machine: Machine = Machine()
 
 
 class Episodes(StatusModel):
@@ -143,6 +157,7 @@ class Lag(StatusModel):
 
     mean: Measured = None
     max: Count | None = None
+    shares: list[Share] = Field(default_factory=list, description="of samples, by lag from 0 on")
 
 
 class Dropped(StatusModel):
@@ -240,6 +255,8 @@ class Status(StatusModel):
     total_steps: Count
     updates: Count = 0
     weights_version: Count = 0
+    host: str = ""
+    machine: Machine = Machine()
     rate: Rate = Rate()
     eta: Amount | None = Field(None, description="s left")
     time_split: dict[str, Share] = Field(

@@ -183,7 +183,7 @@ def test_the_snapshot_fits_its_schema(start, monkeypatch) -> None:
     assert status.verdict == "learning", "too early to say more"
     run.learner.first_update -= 1000.0
     assert parse_status(snapshot(run.learner)).verdict == "balanced"
-    assert len(parse_history(run.learner.history)) == 1
+    assert len(parse_history(list(run.learner.history))) == 1
     json.dumps(snapshot(run.learner))
 
 

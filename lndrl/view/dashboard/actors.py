@@ -121,8 +121,8 @@ def actors(status: Status, width: int, rows: int, view: View | None = None) -> P
     ``Panel.shown`` is how many actors are drawn.
     """
     view = view or View()
-    states = [actor.state for actor in worst_first(status.actors)]
-    counts = [f"{states.count(state)} {state}" for state in dict.fromkeys(reversed(states))]
+    states = sorted((actor.state for actor in status.actors), key=lambda s: -RANK.get(s, 1))
+    counts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
     note = ", ".join(counts)
     if view.needle:
         note = f"with “{printable(view.needle)}” of {note}"

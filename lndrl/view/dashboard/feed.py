@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from lndrl.errors import UserError
-from lndrl.transport.status import HistoryRow, Status, parse_reply
+from lndrl.transport.status import HistoryRow, Status, parse_history, parse_reply
 
-ASK_EVERY = 1.0
+ASK_EVERY = 0.5
 """s between questions to the learner."""
 PATIENCE = 3.0
 """s until a question counts as unanswered."""
@@ -77,6 +77,7 @@ class Feed:
         self._viewer = viewer
         self._newest = first
         self._closed = threading.Event()
+        self._rows: dict[tuple[Any, Any], HistoryRow] = {}
         self._thread = threading.Thread(target=self._run, name="dashboard-feed", daemon=True)
         self._thread.start()
 
@@ -108,7 +109,7 @@ class Feed:
             try:
                 if self._viewer is None:
                     self._viewer = self._open()
-                self._take(ask(self._viewer))
+                self._take(self._viewer.status(PATIENCE))
                 failures = 0
             except Exception:  # whatever happens to a connection, a viewer keeps trying
                 failures += 1
@@ -116,11 +117,25 @@ class Feed:
                     self._drop()
         self._drop()
 
-    def _take(self, news: News) -> None:
-        old = self._newest
-        same = (news.status.run_id, news.status.time) == (old.status.run_id, old.status.time)
-        if not same:
-            self._newest = news
+    def _take(self, reply: dict[str, Any]) -> None:
+        old, told = self._newest.raw["snapshot"], reply.get("snapshot")
+        if isinstance(told, dict) and all(told.get(k) == old.get(k) for k in ("time", "run_id")):
+            return
+        status, _ = parse_reply({**reply, "history": []})
+        self._newest = News(status, self._history(reply.get("history") or []), reply)
+
+    def _history(self, rows: Any) -> list[HistoryRow]:
+        """What ``parse_history`` makes of ``rows``, but those that are known from before.
+
+        A row never changes, and hundreds of them come with every answer.
+        """
+        known, parsed = self._rows, []
+        for row in rows:
+            key = (row.get("time"), row.get("steps")) if isinstance(row, dict) else (None, None)
+            parsed.append(known.get(key) or parse_history([row])[0])
+        keys = ((row.get("time"), row.get("steps")) for row in rows)
+        self._rows = dict(zip(keys, parsed, strict=True))
+        return parsed
 
     def _drop(self) -> None:
         viewer, self._viewer = self._viewer, None

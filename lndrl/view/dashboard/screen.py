@@ -12,6 +12,7 @@ from rich.text import Text
 from lndrl.transport.status import HistoryRow, Status
 from lndrl.view.dashboard import panels, validated
 from lndrl.view.dashboard.actors import actors, matching
+from lndrl.view.dashboard.machines import line as machines_line
 from lndrl.view.dashboard.panels import Panel
 from lndrl.view.dashboard.verdict import headline
 from lndrl.view.dashboard.view import Extent, View
@@ -74,8 +75,11 @@ def draw(
     middle = _middle(status, history, width, boxed, view.focus)
     if height is None:
         rows = (len(status.actors) + 1, EVENTS_LISTED)
+        middle += _hosts(status, width)
     else:
         middle = _as_fits(status, history, width, boxed, middle, height - len(top))
+        if height >= SHORT[0]:
+            middle = [*middle, *_hosts(status, width)]
         left = height - len(top) - sum(map(len, middle)) - 2 * (1 + boxed)
         rows = _share_rows(left, len(status.actors) + 1, len(status.events))
     lines = top + [line for block in middle for line in block]
@@ -93,6 +97,12 @@ def draw(
         log = Panel(log.title, log.lines, note, log.shown)
         lines += frame(log, width, boxed, view.focus == "events")
     return Picture(lines[:height], _extent(status, view, shown, log.shown))
+
+
+def _hosts(status: Status, width: int) -> list[list[Text]]:
+    """The machines in one line, where anything is known of one."""
+    known = status.machine.cores or any(actor.machine.cores for actor in status.actors)
+    return [[machines_line(status, width)]] if known else []
 
 
 def _extent(status: Status, view: View, actor_rows: int, event_rows: int) -> Extent:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-PANELS = ("outcomes", "ppo", "validation", "actors", "events")
+PANELS = ("outcomes", "ppo", "validation", "actors", "machines", "events")
 """What Tab goes through, from top to bottom."""
 ORDERS = ("worst", "name", "host", "rate", "lag", "steps")
 """What ``s`` goes through; see ``actors.ordered``."""

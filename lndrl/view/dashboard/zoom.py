@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 
 from rich.text import Text
 
-from lndrl.transport.status import HistoryRow, Status, Validated
-from lndrl.view.chart import Interval, area_chart, interval_chart, span_line
+from lndrl.transport.status import MOST_LAG, HistoryRow, Status, Validated
+from lndrl.view.chart import Interval, area_chart, bars, interval_chart, span_line
 from lndrl.view.dashboard import panels, validated
 from lndrl.view.dashboard.actors import actors
 from lndrl.view.dashboard.health import LABELS, LIMITS
+from lndrl.view.dashboard.machines import machines
 from lndrl.view.dashboard.panels import Panel
 from lndrl.view.dashboard.view import KEYS, View
 from lndrl.view.palette import BLUE, OUTCOME, OUTCOME_WORD, PINK, SKY
@@ -22,7 +23,9 @@ def zoomed(
     status: Status, history: Sequence[HistoryRow], view: View, width: int, rows: int
 ) -> Panel:
     """The panel that ``view`` looks at, in at most ``rows`` lines of ``width`` cells."""
-    if view.focus == "actors":
+    if view.focus == "machines":
+        panel = machines(status, width, rows)
+    elif view.focus == "actors":
         panel = actors(status, width, rows, view)
     elif view.focus == "events":
         panel = panels.events(status, width, rows, view.back)
@@ -95,6 +98,11 @@ def _ppo(status: Status, history: Sequence[HistoryRow], width: int, rows: int) -
         ("entropy", [row.entropy for row in history], PINK),
         ("lag", [row.lag for row in history], SKY),
     )
+    lags = status.lag.shares
+    if lags and rows - len(lines) >= len(lags) + 2:
+        lines.append(fit(styled("lag of the last batch, in versions", "dim"), width))
+        labels = [f"{i}{'+' if i == MOST_LAG else ''}" for i in range(len(lags))]
+        lines += bars(list(zip(labels, lags, strict=True)), width, SKY)
     each = (rows - len(lines) - 1) // len(curves)
     if rows - len(lines) - len(limits) - 2 >= 4 * len(curves):
         lines += [fit(styled("what is worth a warning", "dim"), width), *limits]

@@ -359,5 +359,14 @@ def test_everything_here_is_about_a_chunk_header() -> None:
     """The fields that a liar fills; a new one needs a check and a test here."""
     assert set(header().to_dict()) == {
         *("run_id", "actor_id", "incarnation", "sequence", "steps", "worlds"),
-        *("episodes", "timing", "host", "pid"),
+        *("episodes", "timing", "host", "pid", "machine"),
     }
+
+
+@pytest.mark.parametrize(
+    "machine",
+    [None, [], {"cpu": 1.5}, {"cpu": -0.1}, {"memory": float("nan")}, {"cpu": "1"}, {"gpu": 0.5}],
+)
+def test_machines_that_cannot_be_are_no_message(machine) -> None:
+    with pytest.raises(MessageError, match="machine"):
+        header(machine=machine)

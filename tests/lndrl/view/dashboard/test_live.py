@@ -41,6 +41,9 @@ class FakeViewer:
             raise answer
         return answer
 
+    def request(self, action: str, run_id: str, timeout: float = 5.0) -> str:
+        return f"{action} of {run_id}"
+
     def close(self) -> None:
         self.closed += 1
 

@@ -74,6 +74,7 @@ def test_keys_work_and_nothing_overflows(
     program.press("\r" + RIGHT, "▸ ppo")
     program.press("\r", "Enter back", "KL")
     program.press("\r" + "\x1b[Z" + LEFT, "▸ events")
+    program.press(LEFT, "▸ machines")
     program.press(LEFT + "\r", "▸ actors", "Enter back", "node-3 ")
     worst = program.screen.text
     program.press(DOWN * 3, "3 above")
