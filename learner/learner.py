@@ -86,8 +86,7 @@ class Learner:
         check_queue(config)
         _check_teacher(config)
         self.store = RolloutStore(pinned=self.ppo.device.type == "cuda")
-        self.roster = Roster()
-        self.counters = Counters()
+        self.roster, self.counters = Roster(), Counters()
         begin = "from scratch"
         chosen: Path | None = None
         books: dict[str, Any] = {}
@@ -114,17 +113,14 @@ class Learner:
         self.figures: dict[str, float] = {}
         self.lag: dict[str, float] = {}
         self.lag_shares: list[float] = []  # of samples, by lag
-        self.history = History()
-        self.load = Load()
+        self.history, self.load = History(), Load()
         self.last_checkpoint: tuple[Path, float] | None = None  # and when, monotonic s
         self.first_update: float | None = None  # of this session, monotonic s
         self._memory = MemoryTide(self.ppo.each_thread)
         self._sender = Sender(config, lambda text: self.events.add("weights", text))
-        self._phase = ""  # announced last
-        self._learned_in = ""  # phase of the newest update
+        self._phase = self._learned_in = ""  # announced last; that of the newest update
         self.started = time.monotonic()
-        self._elapsed_before = self.counters.elapsed
-        self._failures = 0
+        self._elapsed_before, self._failures = self.counters.elapsed, 0
         self._announce(f"from step {self.counters.steps:,}" if resume else begin)
         aside = self._take_up(chosen, books) if chosen is not None else []
         self.recorder = Recorder(self.folder.path, self.counters.updates, on_change)
