@@ -1,13 +1,8 @@
 """Zenoh sessions as this project needs them: explicit configuration, bounded opening and closing.
 
 Facts behind the settings: a default session listens on all interfaces and multicasts; a message
-<<<<<<< HEAD
-that is not queued whole within ``wait_before_close`` closes the link; implicit shared memory can
-lose queries; a thread that is inside Zenoh while the interpreter ends aborts the process.
-=======
 that cannot be queued for ``wait_before_close`` closes the link; implicit shared memory can lose
 queries; a thread that is inside Zenoh while the interpreter ends aborts the process.
->>>>>>> 4b76b40908fc05d57160e3601c8c30fd28f77c11
 """
 
 from __future__ import annotations
@@ -31,14 +26,8 @@ from lndrl.transport.zenoh.config import build
 
 CLOSE_SECONDS = 3.0
 SLOWEST_MESSAGE = 300.0
-<<<<<<< HEAD
-"""s that a message may take to leave, all its fragments together, before zenoh closes the link:
-with zenoh's own 5 s weights of 30 MB never pass a link of less than 6 MB/s. Peers that have frozen
-are found by the lease."""
-=======
 """s that a message may wait to leave before zenoh closes its link: with zenoh's own 5 s, links that
 lose packets are closed while they carry weights. Peers that have frozen are found by the lease."""
->>>>>>> 4b76b40908fc05d57160e3601c8c30fd28f77c11
 logger = logging.getLogger(__name__)
 
 
