@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.view.palette import OUTCOME_WORD
-from lndrl.view.report.rates import Share, rates_figure
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,
@@ -23,6 +22,7 @@ from lndrl.view.report.parts import (
     Tiles,
     Tone,
 )
+from lndrl.view.report.rates import Share, rates_figure
 from lndrl.view.results import VERDICT, captions, goal_rows, metric_rows, paired_rows, scenario_rows
 from lndrl.view.text import percent
 
