@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -78,9 +79,12 @@ def test_a_chart_has_the_pages_ink_and_anchors_of_its_own() -> None:
 
 def test_a_dot_stands_at_its_share_and_a_diamond_at_the_papers() -> None:
     (axes,) = rates_figure("arrived", SHARES).axes
-    places = [tuple(each.get_offsets()[0]) for each in axes.collections]  # type: ignore[index]
+    places = [tuple(np.asarray(each.get_offsets())[0].tolist()) for each in axes.collections]
     assert places == [(90.0, 0.0), (80.0, 0.0), (10.0, 1.0)]
-    assert [list(line.get_xdata()) for line in axes.lines] == [[85.0, 95.0], [0.0, 20.0]]
+    assert [np.asarray(line.get_xdata()).tolist() for line in axes.lines] == [
+        [85.0, 95.0],
+        [0.0, 20.0],
+    ]
 
 
 def test_a_half_page_never_stands_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
