@@ -194,7 +194,9 @@ def newest_totals(path: Path) -> tuple[dict[str, Any], int] | None:
 def _totals_in(line: bytes) -> tuple[dict[str, Any], int] | None:
     try:
         row = json.loads(line)
-        totals: Any = row["totals"] if row["kind"] == "checkpoint" else None
+        if row["kind"] != "checkpoint":
+            return None
+        totals: dict[str, Any] = row["totals"]
         kinds = [totals[name] for name in ("accepted", "trained", "waiting")]
         for tally in [*kinds, *totals["dropped"].values()]:
             Tally.read(tally)

@@ -80,7 +80,9 @@ class HTMLPage(HTMLParser):
         found += [f"url({u}" for u in re.findall(r"url\((?!#|data:)([^)]*)", self.text)]
         found += ["@import"] if "@import" in self.text else []
         found += ["a script"] if self.of("script") else []
-        found += [f"no alt: {a}" for a in self.of("img") if len(a.get("alt") or "") < 20]
+        found += [
+            f"no alt: {a.get('title')}" for a in self.of("img") if len(a.get("alt") or "") < 20
+        ]
         named = [a for _, a in self.elements if a.get("role") == "img"]
         found += ["an svg without words"] if len(named) != len(self.of("svg")) else []
         found += ["no words" for a in named if len(a.get("aria-label") or "") < 20]
