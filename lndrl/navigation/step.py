@@ -102,7 +102,7 @@ def _setting(packed):
     return Setting(
         Surroundings(around[0], around[1], Walls(*around[2])), Walls(*packed[1]),
         CrowdParameters(*packed[2]), RayMap(*packed[3]), Fan(*packed[4]),
-        packed[5], packed[6], packed[7], packed[8],
+        packed[5], packed[6], packed[7], packed[8], packed[9],
     )  # fmt: skip
 
 
@@ -128,7 +128,7 @@ def robot_row(robots, i):
     return Robot(
         robots.pose[i], robots.odometry[i], robots.start[i], robots.goal[i], robots.command[i],
         robots.slip[i], robots.clock[i], robots.contact[i], robots.laser_random[i],
-        robots.odometry_random[i], robots.deviation[i],
+        robots.odometry_random[i], robots.deviation[i], robots.velocity[i],
     )  # fmt: skip
 
 

@@ -88,6 +88,7 @@ class CarefulPlanner(PredictivePlanner):
 
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
         """See ``Planner.reset``: every robot stands. Nothing here is random."""
+        super().reset(seed, worlds)
         self._commands = np.zeros((len(worlds), self._delay + 1, 2))
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -102,10 +103,12 @@ class CarefulPlanner(PredictivePlanner):
 
     def begin(self, rows: NDArray[np.int64]) -> None:
         """See ``PredictivePlanner.begin``: these robots stand."""
+        super().begin(rows)
         self._commands[rows] = 0.0
 
     def told(self, commands: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
         """See ``PredictivePlanner.told``."""
+        super().told(commands, rows)
         self._commands[rows, :-1] = self._commands[rows, 1:]
         self._commands[rows, -1] = commands
 
@@ -137,7 +140,7 @@ class CarefulPlanner(PredictivePlanner):
         goals = observation.goal[:, :2].astype(np.float64)
         for k in range(1, self._delay + 1 if p.hears_commands else 1):
             goals = moved_on(goals, last[:, k], self._period)
-        return self._decide(observation, every, goals, turning, start)
+        return self._decide(observation, every, goals, turning, start, rows)
 
 
 def price_of_turning(variance: NDArray[np.float64], p: CarefulConfig) -> NDArray[np.float64]:

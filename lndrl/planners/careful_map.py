@@ -119,6 +119,7 @@ class CarefulMapPlanner(CarefulPlanner):
         goals: NDArray[np.floating] | None = None,
         turning: Floats | None = None,
         start: Floats | None = None,
+        rows: NDArray[np.int64] | None = None,
     ) -> Floats:
         assert goals is not None and turning is not None and start is not None  # careful's are
         if len(self._rows) != len(observation) or not self._places:
@@ -133,7 +134,8 @@ class CarefulMapPlanner(CarefulPlanner):
             price = self._turning_alone.price + price / max(float(turning[i]), 1e-9)
             self._rollouts = self._turning_alone._replace(price=price)
             seen = observation.take(only)
-            out[only] = super()._decide(seen, every, goals[only], turning[only], start[only])
+            mine = None if rows is None else rows[only]
+            out[only] = super()._decide(seen, every, goals[only], turning[only], start[only], mine)
         self._rollouts = self._turning_alone
         return out
 

@@ -6,6 +6,7 @@ account of the variances. Everything but the method is ours (docs/planners.md).
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Self
 
@@ -17,9 +18,17 @@ from lndrl.config import RunConfig
 from lndrl.models import Model, NonNegative, Positive, Seconds
 from lndrl.navigation import Observation, action_table
 from lndrl.navigation.observation import SCAN_COUNTS
-from lndrl.planners.rollouts import Prices, decide, make_rollouts
+from lndrl.planners.rollouts import (
+    Prices,
+    Rollouts,
+    decide,
+    limited_rollouts,
+    make_rollouts,
+)
+from lndrl.world.odometry import velocities
 
 _FEATURES = 48  # echoes that stand for what is seen
+_KEPT = 64  # starting velocities whose rollouts are kept, of some 150 kB each
 
 
 class PredictiveConfig(Model):
@@ -75,7 +84,9 @@ class PredictivePlanner:
 
     Cost of a pair: distance and bearing of the goal from its end, turning, and closeness to walls
     and to people, who are expected to walk on as they do. What would be touched later costs less
-    than what would be touched at once. Nothing is remembered from step to step.
+    than what would be touched at once. Nothing is remembered from step to step, unless the robot's
+    acceleration is limited (``world.robot.acceleration``): then how fast it drives by now, which
+    follows from what it was told.
     """
 
     name = "predictive"
@@ -84,9 +95,16 @@ class PredictivePlanner:
         self.parameters = p = parameters or PredictiveConfig()
         laser = config.world.laser
         self._actions = action_table(config.task)
-        first = _times(p.first_horizon, p.sample_period)
-        second = _times(p.second_horizon, p.sample_period)
-        self._rollouts = make_rollouts(self._actions, first, second, self._turning_price())
+        self._first = _times(p.first_horizon, p.sample_period)
+        self._second = _times(p.second_horizon, p.sample_period)
+        self._rollouts = make_rollouts(
+            self._actions, self._first, self._second, self._turning_price()
+        )
+        limits = config.world.robot.acceleration.limits
+        self._limits = limits if np.isfinite(limits).any() else None
+        self._tick, self._ticks = config.world.tick, config.world.ticks_per_step
+        self._speeds = np.zeros((0, 2))
+        self._limited: OrderedDict[tuple[float, float], Rollouts] = OrderedDict()
         fastest = np.abs(self._actions[:, 0]).max()
         self._prices = Prices(
             p.goal_weight, p.heading_weight, p.wall_weight, p.wall_reach, p.person_weight,
@@ -118,27 +136,37 @@ class PredictivePlanner:
         self._stand = int(np.argmin(np.abs(self._actions).sum(axis=1)))
 
     def reset(self, seed: int, worlds: Sequence[int]) -> None:
-        """See ``Planner.reset``; nothing is random, nothing is remembered."""
+        """See ``Planner.reset``: every robot stands. Nothing is random."""
+        self._speeds = np.zeros((len(worlds), 2))
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """See ``Planner.act``; stands still where the goal is not a number."""
-        return self._actions[self._cheapest(self._decide(observation, every=False))]
+        costs = self._decide(observation, every=False, rows=rows)
+        command = self._actions[self._cheapest(costs)]
+        self.told(command, rows)
+        return command
 
     def costs(self, observation: Observation, rows: NDArray[np.int64]) -> NDArray[np.float64]:
         """Costs (B, A) of beginning with each action of the table, the second the best after it.
 
         ``act`` takes the least. Infinite where the goal is not a number.
         """
-        return self._decide(observation, every=True)
+        return self._decide(observation, every=True, rows=rows)
 
     def begin(self, rows: NDArray[np.int64]) -> None:
         """Episodes begin at ``rows``: what was remembered of them is over."""
+        if self._limits is not None:
+            self._speeds[rows] = 0.0
 
     def told(self, commands: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
         """Hear what the robots at ``rows`` (B,) were told, (B, 2): m/s and rad/s.
 
         For whoever asks for ``costs`` and decides himself; ``act`` knows what it says.
         """
+        if self._limits is not None:
+            start = self._speeds[rows]
+            driven = velocities(start, commands, self._limits, self._tick, self._ticks)
+            self._speeds[rows] = driven[:, -1]
 
     def _turning_price(self) -> NDArray[np.float64]:
         """What the turning of every pair costs, (A, A)."""
@@ -159,18 +187,58 @@ class PredictivePlanner:
         goals: NDArray[np.floating] | None = None,
         turning: NDArray[np.float64] | None = None,
         start: NDArray[np.float64] | None = None,
+        rows: NDArray[np.int64] | None = None,
     ) -> NDArray[np.float64]:
         """Costs (B, A), of all or of those that may be the least; by default the observed goals,
-        the plain price of turning, and nothing for how it starts."""
+        the plain price of turning, and nothing for how it starts. ``rows`` (B,): whose they are."""
+        count = len(observation)
+        goals = observation.goal if goals is None else goals
+        turning = np.ones(count) if turning is None else turning
+        start = np.zeros((count, len(self._actions))) if start is None else start
+        if self._limits is None or rows is None:
+            return self._measure(self._rollouts, observation, every, goals, turning, start)
+        out = np.empty((count, len(self._actions)))
+        for i, row in enumerate(rows):
+            only = slice(i, i + 1)
+            out[only] = self._measure(
+                self._from(self._speeds[row]), observation.take(only), every,
+                goals[only], turning[only], start[only],
+            )  # fmt: skip
+        return out
+
+    def _from(self, speeds: NDArray[np.float64]) -> Rollouts:
+        """Rollouts of a robot that drives ``speeds`` (2,) by now; the last few are kept."""
+        assert self._limits is not None
+        key = round(float(speeds[0]), 6), round(float(speeds[1]), 6)
+        made = self._limited.pop(key, None)
+        if made is None:
+            made = limited_rollouts(
+                self._actions, self._first, self._second, self._rollouts.price, speeds,
+                self._limits, self._tick,
+            )  # fmt: skip
+        self._limited[key] = made
+        if len(self._limited) > _KEPT:
+            self._limited.popitem(last=False)
+        # Whoever prices places of a map, too, changes the prices from step to step.
+        return made._replace(price=self._rollouts.price)
+
+    def _measure(
+        self,
+        rollouts: Rollouts,
+        observation: Observation,
+        every: bool,
+        goals: NDArray[np.floating],
+        turning: NDArray[np.float64],
+        start: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Costs (B, A) of ``rollouts``, the same for all."""
         out = np.empty((len(observation), len(self._actions)))
         p = self.parameters
         decide(
             observation.scan[:, -self._beams :], self._directions, self._scale, self._sight,
             self._reach, p.spacing, observation.pedestrians, observation.pedestrian_count,
-            p.people_hide, observation.goal if goals is None else goals, self._rollouts,
-            self._prices, np.ones(len(out)) if turning is None else turning,
-            np.zeros(out.shape) if start is None else start, every, self._points, self._base,
-            self._ends, self._effort, self._detours, self._features, out,
+            p.people_hide, goals, rollouts, self._prices, turning, start, every, self._points,
+            self._base, self._ends, self._effort, self._detours, self._features, out,
         )  # fmt: skip
         return out
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lndrl.kernels import kernel
 from lndrl.planners.detours import detour_at, spread, stamp, way_on
+from lndrl.world.odometry import Limits, poses_along, velocities
 
 Floats = NDArray[np.float64]
 
@@ -86,6 +87,37 @@ def make_rollouts(actions: Floats, first: Floats, second: Floats, price: Floats)
     times from there. ``price`` (A, A) is kept as it is.
     """
     before, after = arc_poses(actions, first), arc_poses(actions, second)
+    return _joined(before, after[None], first, second, price)
+
+
+def limited_rollouts(
+    actions: Floats,
+    first: Floats,
+    second: Floats,
+    price: Floats,
+    start: Floats,
+    limits: Limits,
+    tick: float,
+) -> Rollouts:
+    """As ``make_rollouts``, of a robot that drives ``start`` (2,), m/s and rad/s, as it begins.
+
+    Its velocities follow the actions within ``limits``, ``tick`` (s) by tick.
+    """
+    ticks = max(1, round(first[-1] / tick))
+    speeds = velocities(start, actions, limits, tick, ticks)
+    before = poses_along(speeds, tick, first)
+    count = len(actions)
+    later = max(1, round(second[-1] / tick))
+    begun = np.repeat(speeds[:, -1], count, axis=0)
+    speeds = velocities(begun, np.tile(actions, (count, 1)), limits, tick, later)
+    after = poses_along(speeds, tick, second).reshape(count, count, len(second), 3)
+    return _joined(before, after, first, second, price)
+
+
+def _joined(
+    before: Floats, after: Floats, first: Floats, second: Floats, price: Floats
+) -> Rollouts:
+    """Rollouts of first arcs (A, S, 3) and of second ones, (1 or A, A, T, 3) from their ends."""
     turn = before[:, -1]
     cosine, sine = (f(turn[:, 2])[:, None, None] for f in (np.cos, np.sin))
     x = turn[:, None, None, 0] + cosine * after[..., 0] - sine * after[..., 1]

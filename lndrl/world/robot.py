@@ -28,6 +28,7 @@ class Robot(NamedTuple):
     laser_random: State  # (4,)
     odometry_random: State  # (4,)
     deviation: Floats  # (1,) of the slip in this episode
+    velocity: Floats  # (2,) v, w as they are; with limits on acceleration, behind the command
 
 
 def make_robots(worlds: int, deviation: float = 0.0) -> Robot:
@@ -47,6 +48,7 @@ def make_robots(worlds: int, deviation: float = 0.0) -> Robot:
         laser_random=np.zeros((worlds, 4), np.uint64),
         odometry_random=np.zeros((worlds, 4), np.uint64),
         deviation=np.full((worlds, 1), deviation),
+        velocity=np.zeros((worlds, 2)),
     )
 
 

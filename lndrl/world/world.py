@@ -15,7 +15,7 @@ from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import people as crowd_arrays
 from lndrl.world.contacts import HITS, Hit, contact
 from lndrl.world.laser import Fan, ScanScratch, make_fan, make_scan_scratch, noisy_scan
-from lndrl.world.odometry import draw_slip, move_robot
+from lndrl.world.odometry import accelerate, draw_slip, move_robot
 from lndrl.world.orca_walls import Walls, build_walls
 from lndrl.world.pedestrians import advance_people, place_legs, wall_reach
 from lndrl.world.people import CrowdParameters, People, Surroundings, make_people
@@ -38,6 +38,7 @@ class Setting(NamedTuple):
     odometry_per_reading: bool  # slip is drawn in every tick, not once per control step
     robot_radius: float  # m
     leg_radius: float  # m
+    acceleration: tuple[float, float, float]  # see ``odometry.accelerate``; infinite: no limits
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Setting:
         return self  # never changed, and megabytes
@@ -53,12 +54,13 @@ class Scratch(NamedTuple):
 @njit(inline="always")
 def tick_inline(robot, people, setting, scratch):
     """One tick: people move, then the robot; ``robot.contact`` says what it touches then."""
+    accelerate(robot.velocity, robot.command, setting.acceleration, setting.tick)
     advance_people(
-        people, robot.pose, robot.command, setting.surroundings, setting.crowd, scratch.crowd
+        people, robot.pose, robot.velocity, setting.surroundings, setting.crowd, scratch.crowd
     )
     if setting.odometry_per_reading:
         draw_slip(robot.slip, robot.deviation[0], robot.odometry_random)
-    move_robot(robot.pose, robot.odometry, robot.command, robot.slip, setting.tick)
+    move_robot(robot.pose, robot.odometry, robot.velocity, robot.slip, setting.tick)
     robot.clock[0] += setting.tick
     robot.contact[0] = contact(
         robot.pose,
@@ -105,6 +107,7 @@ class WorldBatch:
             odometry_per_reading=config.odometry_draw == "reading",
             robot_radius=float(config.robot_radius),
             leg_radius=float(config.crowd.leg_radius),
+            acceleration=config.robot.acceleration.limits,
         )
         self.scratch = Scratch(
             crowd_arrays.make_scratch(capacity, config.crowd, walls),
@@ -190,6 +193,7 @@ class World:
         self.pose_true[:] = self.start_pose
         self.pose_odometry[:] = 0.0
         self.command[:] = 0.0
+        self.robot.velocity[:] = 0.0
         self.robot.slip[:] = 1.0
         self.robot.clock[:] = 0.0
         self.robot.contact[:] = 0

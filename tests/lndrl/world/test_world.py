@@ -195,3 +195,24 @@ def test_walls_are_made_once_per_place_not_once_per_batch(monkeypatch: pytest.Mo
         assert other.solid.members is first.solid.members
         assert other.surroundings.walls.members is first.surroundings.walls.members
     assert first.solid.edges is first.surroundings.walls.edges
+
+
+def test_a_robot_with_limits_gains_speed_and_brakes(place: Place) -> None:
+    limited = World(place, WorldConfig.model_validate({"robot": "turtlebot2"}))
+    free = World(place, WorldConfig())
+    for world in (limited, free):
+        world.reset(0, 0, 0)
+        world.begin_step(0.6, 0.9)
+    driven: dict[int, list[float]] = {id(limited): [], id(free): []}
+    for tick in range(10):
+        for world in (limited, free):
+            if tick == 7:
+                world.begin_step(0.0, 0.0)
+            before = world.pose_true.copy()
+            world.tick()
+            driven[id(world)].append(float(np.hypot(*(world.pose_true - before)[:2])))
+    expected = 0.1 * np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.6, 0.5, 0.4, 0.3])
+    assert driven[id(limited)] == pytest.approx(expected, rel=1e-2)
+    assert driven[id(free)] == pytest.approx([0.06] * 7 + [0.0] * 3, rel=1e-2)
+    limited.reset(0, 0, 1)
+    assert limited.robot.velocity.tolist() == [0.0, 0.0]
