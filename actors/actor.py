@@ -76,7 +76,7 @@ class Actor:
         self.rollout: Rollout | None = None
         self.chunks = 0  # collected in this incarnation
         self.laps = Laps()
-        self._load = Load()
+        self._machine = Load()
         self._fetcher = Fetcher(endpoint) if alone else None
         self._alone = alone
         self._worlds, self._siblings, self._device = worlds, siblings, device
@@ -335,7 +335,7 @@ class Actor:
             timing=self.laps.take(),
             host=socket.gethostname(),
             pid=os.getpid(),
-            machine=self._load.now(),
+            machine=self._machine.now(),
         )
         self.endpoint.upload(header, chunk.trajectory.to_arrays())
         self.laps.lap("upload")  # known only now, so it is told with the next chunk
