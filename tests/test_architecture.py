@@ -39,6 +39,7 @@ FLOORS = {
     "lndrl.planners": 3,
     "lndrl.ahead": 4,
     "lndrl.evaluation": 4,
+    "lndrl.robot": 4,
     "lndrl.view": 4,
     "actors": 5,
     "learner": 5,

@@ -35,6 +35,7 @@ BENCHMARKS = {
     "transport": "acknowledged uploads over zenoh, actor in another process",
     "train": "whole training, learner and actors",
     "memory": "resident memory of actor and learner in MB, by part and in a training",
+    "guard": "the guard against bodies that do their worst, one core: touches, standing, time",
     "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }
 """Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""

@@ -18,7 +18,7 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, transport, train, "
-            "memory, tls, or all; or gpu: all that wants one, in a few minutes"
+            "memory, guard, tls, or all; or gpu: all that wants one, in a few minutes"
         ),
     ],
     peers: Annotated[
@@ -50,6 +50,10 @@ def bench(
         ),
     ] = None,
     rounds: Annotated[int, typer.Option(min=1, help="turns of each build with --vs")] = 3,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, help="guard: so many control steps instead of seconds, e.g. 1000000"),
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -84,6 +88,8 @@ def bench(
     seconds = 5.0 if seconds is None else seconds
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
+    if steps is not None and name != "guard":
+        raise UserError(f"--steps goes with guard, not with {name}")
     if profile and name != "train":
         raise UserError(f"--profile goes with train, not with {name}")
     if settings and name not in report.ADJUSTED:
@@ -104,7 +110,7 @@ def bench(
     from lndrl.bench.scene import with_settings
 
     with telling(words), with_settings(settings or []):
-        _measure(names, figures, name == "all", peers, profile, seconds, device, json_output)
+        _measure(names, figures, name == "all", peers, profile, seconds, device, json_output, steps)
     facts = report.machine()
     if not json_output:
         typer.echo(report.machine_line(facts))
@@ -180,14 +186,17 @@ def _measure(
     seconds: float,
     device: str | None,
     quiet: bool,
+    steps: int | None = None,
 ) -> None:
     """Measure ``names`` into ``figures`` and show each as soon as it is there, unless ``quiet``."""
-    from lndrl.bench import report, train
+    from lndrl.bench import guard, report, train
     from lndrl.cli.tables import print_tables
 
     for each in names:
         on_device = device if not everything or each in report.ON_DEVICES else None
-        if profile:
+        if steps is not None:
+            figures[each] = guard.run(steps)
+        elif profile:
             figures[each] = train.measure_profile(seconds, device or "cpu")
         else:
             figures[each] = report.measure(each, seconds, on_device)
