@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,6 +54,6 @@ def test_what_is_no_echo_becomes_the_maximum() -> None:
         ({"range_max": 0.0}, "above range_min -1 m and 0"),
     ],
 )
-def test_an_impossible_scanner_is_refused(keys: dict[str, float], sentence: str) -> None:
+def test_an_impossible_scanner_is_refused(keys: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         Scanner(**keys)
