@@ -39,6 +39,7 @@ BENCHMARKS = {
     "robot": "scan to command and stale scan to stop of a drive, one core, over zenoh",
     "memory": "resident memory of actor and learner in MB, by part and in a training",
     "dashboard": "CPU of a viewer that draws 300 actors twice a second, by size of its terminal",
+    "guard": "the guard against bodies that do their worst, one core: touches, standing, time",
     "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }
 """Each is a module ``lndrl.bench.NAME`` with ``measure(seconds) -> {key: figure}``."""

@@ -18,9 +18,8 @@ def bench(
         str,
         typer.Argument(
             help="laser, crowd, amcl, world, reward, gym, policy, learner, ranks, weights, "
-            "transport, train, memory, dashboard, tls, robot, or all; gpu: all that wants one, in "
-            "minutes; "
-            "fleet: how many actors a learner carries"
+            "transport, train, memory, dashboard, guard, tls, robot, or all; gpu: all that wants "
+            "one, in minutes; fleet: how many actors a learner carries"
         ),
     ],
     peers: Annotated[
@@ -52,6 +51,10 @@ def bench(
         ),
     ] = None,
     rounds: Annotated[int, typer.Option(min=1, help="turns of each build with --vs")] = 3,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, help="guard: so many control steps instead of seconds, e.g. 1000000"),
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -136,6 +139,8 @@ def bench(
         raise UserError(f"--seconds {seconds:g}: must be above 0")
     if episodes is not None and name != "robot":
         raise UserError(f"--episodes goes with robot, not with {name}")
+    if steps is not None and name != "guard":
+        raise UserError(f"--steps goes with guard, not with {name}")
     if profile and name != "train":
         raise UserError(f"--profile goes with train, not with {name}")
     if settings and name not in report.ADJUSTED:
@@ -157,7 +162,8 @@ def bench(
 
     with telling(words), with_settings(settings or []):
         _measure(
-            names, figures, name == "all", peers, profile, seconds, device, json_output, episodes
+            *(names, figures, name == "all", peers, profile, seconds, device, json_output),
+            *(episodes, steps),
         )
     facts = report.machine()
     if not json_output:
@@ -277,14 +283,17 @@ def _measure(
     device: str | None,
     quiet: bool,
     episodes: int | None = None,
+    steps: int | None = None,
 ) -> None:
     """Measure ``names`` into ``figures`` and show each as soon as it is there, unless ``quiet``."""
-    from lndrl.bench import report, train
+    from lndrl.bench import guard, report, train
     from lndrl.cli.tables import print_tables
 
     for each in names:
         on_device = device if not everything or each in report.ON_DEVICES else None
-        if profile:
+        if steps is not None:
+            figures[each] = guard.run(steps)
+        elif profile:
             figures[each] = train.measure_profile(seconds, device or "cpu")
         else:
             given = () if episodes is None else (episodes,)

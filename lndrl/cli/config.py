@@ -159,6 +159,10 @@ def _model(kind: str) -> type[Model]:
         from lndrl.evaluation.benchmark.spec import BenchmarkSpec
 
         return BenchmarkSpec if kind == "bench" else CalibrationSpec
+    if kind == "robot":
+        from lndrl.robot.shapes import RobotShape
+
+        return RobotShape
     from lndrl.config import RunConfig
     from lndrl.scenario import Scenario
 

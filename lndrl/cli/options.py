@@ -14,7 +14,7 @@ from lndrl.cli.completion import complete_configuration, complete_scenario, comp
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
-    from lndrl.planners import PlannerSource, ShieldConfig
+    from lndrl.planners import GuardConfig, PlannerSource, ShieldConfig
 
 ConfigName = Annotated[
     str | None,
@@ -133,6 +133,22 @@ ShieldOption = Annotated[
     typer.Option(
         "--shield",
         help="Veto what would touch somebody soon and take a policy's next best instead.",
+    ),
+]
+GuardOption = Annotated[
+    bool,
+    typer.Option(
+        "--guard",
+        help="Let no command through that could end in a touch of what is seen (docs/guard.md).",
+    ),
+]
+GuardSettings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--guard-set",
+        metavar="KEY=VALUE",
+        help="A bound of the guard, e.g. people_speed=1.0; can be repeated.",
+        show_default=False,
     ),
 ]
 ShieldSettings = Annotated[
@@ -306,6 +322,18 @@ def of_run(planner: str, checkpoint: str | None, planners: Sequence[str]) -> str
             f"--checkpoint {checkpoint} goes with a run folder, and {', '.join(planners)} is none"
         )
     return checkpoint if planner in runs else None
+
+
+def guard_config(wanted: bool, settings: list[str] | None) -> GuardConfig | None:
+    """The guard that ``--guard`` and ``--guard-set`` ask for; raises UserError."""
+    if not wanted:
+        if settings:
+            raise UserError("--guard-set goes with --guard")
+        return None
+    from lndrl.models import validate
+    from lndrl.planners import GuardConfig
+
+    return validate(GuardConfig, part_settings(settings, "--guard-set"), "--guard-set")
 
 
 def shield_config(wanted: bool, settings: list[str] | None) -> ShieldConfig | None:

@@ -1,4 +1,4 @@
-"""Several planners of one command line: checkpoint, settings, temperature and shield of each."""
+"""Several planners of one command line: checkpoint, settings, temperature, shield, guard."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lndrl.cli.options import of_run, sampled
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
-    from lndrl.planners import PlannerSource, ShieldConfig
+    from lndrl.planners import GuardConfig, PlannerSource, ShieldConfig
 
 
 def planner_sources(
@@ -20,6 +20,7 @@ def planner_sources(
     shield: ShieldConfig | None,
     temperature: float | None,
     greedy: bool,
+    guard: GuardConfig | None = None,
 ) -> list[PlannerSource]:
     """What ``planners`` name, each with those options that it takes; says where policies are from.
 
@@ -51,6 +52,7 @@ def planner_sources(
             shield if each in shielded else None,
             temperature,
             greedy,
+            guard,
         )
         for each in planners
     ]
@@ -65,9 +67,10 @@ def _source(
     shield: ShieldConfig | None,
     temperature: float | None,
     greedy: bool,
+    guard: GuardConfig | None,
 ) -> PlannerSource:
     """What ``planner`` names; a temperature is for policies, rules beside them have none."""
     from lndrl.planners import is_rule, planner_source
 
-    source = planner_source(planner, settings, checkpoint=checkpoint, shield=shield)
+    source = planner_source(planner, settings, checkpoint=checkpoint, shield=shield, guard=guard)
     return sampled(source, None if is_rule(planner) else temperature, greedy)

@@ -21,7 +21,7 @@ from lndrl.evaluation.result import EvaluationResult
 from lndrl.machine.threads import kept_threads
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.families import Family
-from lndrl.planners import PlannerSource, ShieldedPlanner, planner_source
+from lndrl.planners import GuardedPlanner, PlannerSource, ShieldedPlanner, planner_source
 from lndrl.policy import act_on_one_thread, load_engine
 from lndrl.version import VERSION
 
@@ -142,7 +142,7 @@ def result_of(
 ) -> EvaluationResult:
     """The result of ``records``, which may be some of those that were asked for.
 
-    ``config`` has the seed of the episodes; ``vetoes`` are a shield's, where they are known.
+    ``config`` has the seed of the episodes; ``vetoes`` are those of shield and guard.
     """
     return EvaluationResult(
         planner=source.title,
@@ -154,7 +154,7 @@ def result_of(
         program_version=VERSION,
         records=tuple(sorted(records, key=lambda record: record.world)),
         temperature=1.0 if greedy else source.temperature,
-        vetoes=None if source.shield is None else vetoes,
+        vetoes=None if source.shield is None and source.guard is None else vetoes,
     )
 
 
@@ -165,7 +165,7 @@ def _make_work(source: PlannerSource, config: RunConfig, greedy: bool) -> Work:
 
 
 class _Counting:
-    """Runs episodes; with each record comes in how many of its steps a shield has vetoed."""
+    """Runs episodes; with each record comes in how many steps shield or guard vetoed."""
 
     def __init__(self, runner: EpisodeRunner) -> None:
         self._runner = runner
@@ -175,7 +175,8 @@ class _Counting:
         rows = {family.world(k): row for row, k in enumerate(episodes)}
         for record in self._runner(episodes):
             row = rows[record.world]
-            yield record, int(planner.vetoes[row]) if isinstance(planner, ShieldedPlanner) else 0
+            counting = ShieldedPlanner | GuardedPlanner
+            yield record, int(planner.vetoes[row]) if isinstance(planner, counting) else 0
 
 
 @contextmanager

@@ -59,7 +59,13 @@ def result_table(result: EvaluationResult, asked: int | None = None) -> Table:
         steps = sum(record.steps for record in result.records)
         share = result.vetoes / max(steps, 1)
         counts = f"{result.vetoes:,} of {steps:,} steps"
-        table.add_row("vetoed by the shield", _number(share), "", counts, "")
+        table.add_row(
+            f"vetoed by the {'guard' if result.planner.endswith('+guard') else 'shield'}",
+            _number(share),
+            "",
+            counts,
+            "",
+        )
     for name, value in result.own_metrics.items():
         table.add_row(name, _number(value), "", "", "")
     return table

@@ -15,6 +15,7 @@ from lndrl.planners.factory import (
     takes_settings,
     teacher_of,
 )
+from lndrl.planners.guard import Guard, GuardConfig, GuardedPlanner
 from lndrl.planners.interface import MapPlanner, Planner, episode_generator
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
 from lndrl.planners.shield import ShieldConfig, ShieldedPlanner
@@ -27,6 +28,9 @@ __all__ = [
     "CarefulPlanner",
     "DWAConfig",
     "DWAPlanner",
+    "Guard",
+    "GuardConfig",
+    "GuardedPlanner",
     "MapPlanner",
     "Planner",
     "PlannerSource",

@@ -14,6 +14,7 @@ from lndrl.models import TEMPERATURES, Model, validate
 from lndrl.planners.careful import CarefulConfig, CarefulPlanner
 from lndrl.planners.careful_map import CarefulMapConfig, CarefulMapPlanner
 from lndrl.planners.dwa import DWAConfig, DWAPlanner
+from lndrl.planners.guard import GuardConfig, GuardedPlanner
 from lndrl.planners.interface import Planner
 from lndrl.planners.own import OwnPlanner
 from lndrl.planners.predictive import PredictiveConfig, PredictivePlanner
@@ -50,7 +51,7 @@ class PlannerSource:
     gets ``settings``; it is imported where it is built, not before. ``temperature`` is that of a
     policy whose actions are sampled, see ``PolicyPlanner``. ``origin``: which policy of a run it
     is, see ``PolicyFile``. ``shield``: what keeps a policy from touching people, None for a policy
-    on its own.
+    on its own; ``guard``: what stops any planner before it could touch somebody.
     """
 
     name: str
@@ -62,6 +63,7 @@ class PlannerSource:
     temperature: float = 1.0
     origin: str = ""
     shield: ShieldConfig | None = None
+    guard: GuardConfig | None = None
 
     def at_temperature(self, temperature: float) -> PlannerSource:
         """The same, sampled at ``temperature``; raises UserError where that is none, or there is
@@ -79,19 +81,22 @@ class PlannerSource:
 
     @property
     def title(self) -> str:
-        """What it is called where people read it: its name, and whether it has a shield."""
-        return self.name if self.shield is None else f"{self.name}+shield"
+        """What it is called where people read it: its name, and whether it has shield or guard."""
+        return f"{self.name}{self._layers}"
 
     @property
     def label(self) -> str:
         """A short name, fit for a file's."""
         if self.own:
-            return self.name.rpartition(":")[2]
-        shielded = "" if self.shield is None else "+shield"
+            return self.name.rpartition(":")[2] + self._layers
         if self.weights is None or self.name == SHIPPED_POLICY:
-            return f"{self.name}{shielded}"
+            return f"{self.name}{self._layers}"
         path = Path(self.name).resolve()
-        return f"{path.name if path.is_dir() else path.parent.name}{shielded}"
+        return f"{path.name if path.is_dir() else path.parent.name}{self._layers}"
+
+    @property
+    def _layers(self) -> str:
+        return ("" if self.shield is None else "+shield") + ("" if self.guard is None else "+guard")
 
     def build(self, config: RunConfig, greedy: bool = False) -> Planner:
         """The planner for episodes under ``config``.
@@ -100,6 +105,11 @@ class PlannerSource:
         UserError when the weights are for another observation layout than that of ``config``, or
         do not fit its networks, and for a class that this process does not trust.
         """
+        planner = self._build(config, greedy)
+        return planner if self.guard is None else GuardedPlanner(planner, config, self.guard)
+
+    def _build(self, config: RunConfig, greedy: bool) -> Planner:
+        """The planner without its guard."""
         if self.own:
             return OwnPlanner(self.name, config, self.settings)
         if self.parameters is not None:
@@ -122,15 +132,16 @@ def planner_source(
     *,
     checkpoint: str | None = None,
     shield: ShieldConfig | None = None,
+    guard: GuardConfig | None = None,
 ) -> PlannerSource:
     """Find a rule, a run folder, a weights file, or name a class of one's own (not yet imported).
 
     ``shipped`` is the policy that comes with the program. ``settings`` go to such a class, or are
     parameters of a rule; ``checkpoint`` is which one of a run, by default the best validated one,
     else the newest; ``shield`` goes with a policy, which is sampled at the temperature that its
-    file says. Raises UserError when ``spec`` is none of them, weights cannot be read, a rule has no
-    such parameter, there are settings for what takes none, or a shield for what ranks no actions or
-    sees no people.
+    file says; ``guard`` goes with all of them. Raises UserError when ``spec`` is none of them,
+    weights cannot be read, a rule has no such parameter, there are settings for what takes none, or
+    a shield for what ranks no actions or sees no people.
     """
     if shield is not None and is_rule(spec):
         raise UserError(
@@ -138,7 +149,7 @@ def planner_source(
             f"{SHIPPED_POLICY}, a run folder or a weights file"
         )
     if is_own_planner(spec):
-        return PlannerSource(spec, own=True, settings=settings or {})
+        return PlannerSource(spec, own=True, settings=settings or {}, guard=guard)
     if settings and not takes_settings(spec):
         raise UserError(
             f"{spec}: takes no settings; {', '.join(PARAMETERS)} and a planner of your own do "
@@ -147,7 +158,7 @@ def planner_source(
     if spec in RULES:
         find(PLANNER, spec, RULES)  # says so where a package installs another of that name
         parameters = validate(PARAMETERS[spec], settings, spec) if settings else None
-        return PlannerSource(spec, parameters=parameters)
+        return PlannerSource(spec, parameters=parameters, guard=guard)
     if spec in installed(PLANNER):
         raise UserError(
             f"{spec}: is a path here and an installed planner; write ./{spec} or module:Class"
@@ -164,7 +175,7 @@ def planner_source(
         check_shield(spec, found.config)
     return PlannerSource(
         spec, found.config, found.weights,
-        temperature=found.temperature, origin=found.origin, shield=shield,
+        temperature=found.temperature, origin=found.origin, shield=shield, guard=guard,
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ and what it ranks next may not be traded for a wall that merely comes near. All 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ class ShieldConfig(Model):
     person_radius: NonNegative = Field(0.2, description="m of a person; legs reach as far (GROUP)")
 
 
+@runtime_checkable
 class RankingPlanner(Protocol):
     """A planner that ranks the actions of the table; ``PolicyPlanner`` is one."""
 

@@ -1,1 +1,1 @@
-"""A robot that speaks ROS 2, without ROS: messages, links, driving, a stand-in, recordings."""
+"""A robot that speaks ROS 2, without ROS: messages, links, driving, shapes, recordings."""

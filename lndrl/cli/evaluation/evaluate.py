@@ -16,6 +16,8 @@ from lndrl.cli.evaluation.driving import arrivals_bar, check_episodes
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import (
     BenchName,
+    GuardOption,
+    GuardSettings,
     PlannerSettings,
     ScenarioName,
     ShieldOption,
@@ -23,6 +25,7 @@ from lndrl.cli.options import (
     Temperature,
     TrustModules,
     WhichCheckpoint,
+    guard_config,
     part_settings,
     shield_config,
     trust,
@@ -88,6 +91,8 @@ def evaluate(
     planner_set: PlannerSettings = None,
     shield: ShieldOption = False,
     shield_set: ShieldSettings = None,
+    guard: GuardOption = False,
+    guard_set: GuardSettings = None,
     trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="Metrics and episodes as JSON.")] = False,
 ) -> None:
@@ -100,10 +105,12 @@ def evaluate(
         raise UserError(f"--spec {spec} names a bench; it goes with --bench")
     trust(trust_modules)
     settings = part_settings(planner_set, "--planner-set")
-    guard = shield_config(shield, shield_set)
+    shielded, guarded = shield_config(shield, shield_set), guard_config(guard, guard_set)
     from lndrl.evaluation import add_metrics, own_metrics
 
-    sources = planner_sources(planners, settings, checkpoint, guard, temperature, greedy)
+    sources = planner_sources(
+        planners, settings, checkpoint, shielded, temperature, greedy, guarded
+    )
     own = own_metrics(metric or [])
     count = usable_cores() if workers is None else workers
     world = _World(scenario, localization, _bench(spec) if bench else None)

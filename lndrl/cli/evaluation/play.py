@@ -10,6 +10,8 @@ import typer
 from lndrl.cli.again import same_command
 from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
+    GuardOption,
+    GuardSettings,
     PlannerSettings,
     ScenarioName,
     ShieldOption,
@@ -18,6 +20,7 @@ from lndrl.cli.options import (
     TrustModules,
     WhichCheckpoint,
     check_picture,
+    guard_config,
     of_run,
     part_settings,
     sampled,
@@ -62,6 +65,8 @@ def play(
     planner_set: PlannerSettings = None,
     shield: ShieldOption = False,
     shield_set: ShieldSettings = None,
+    guard: GuardOption = False,
+    guard_set: GuardSettings = None,
     trust_modules: TrustModules = None,
 ) -> None:
     """Draw an episode of a policy as a picture or an animation."""
@@ -71,8 +76,11 @@ def play(
     from lndrl.planners import planner_source
 
     settings = part_settings(planner_set, "--planner-set")
-    which, guard = of_run(planner, checkpoint, [planner]), shield_config(shield, shield_set)
-    source = planner_source(planner, settings, checkpoint=which, shield=guard)
+    which = of_run(planner, checkpoint, [planner])
+    source = planner_source(
+        planner, settings, checkpoint=which, shield=shield_config(shield, shield_set),
+        guard=guard_config(guard, guard_set),
+    )  # fmt: skip
     source = sampled(source, temperature, greedy)
     say_origins([source], greedy)
     config = settings_for(source, scenario).model_copy(update={"seed": seed})

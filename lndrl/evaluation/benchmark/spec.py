@@ -19,7 +19,14 @@ from lndrl.errors import UserError
 from lndrl.evaluation.runner import in_world_of
 from lndrl.extensions import PLANNER, PartSettings, find, fingerprint
 from lndrl.models import MOST, Model, Temperature, effective, load_yaml, validate
-from lndrl.planners import PlannerSource, ShieldConfig, has_weights, is_rule, planner_source
+from lndrl.planners import (
+    GuardConfig,
+    PlannerSource,
+    ShieldConfig,
+    has_weights,
+    is_rule,
+    planner_source,
+)
 
 Localization = Literal["amcl", "perfect"]
 BENCHMARK = REPOSITORY_CONFIGS / "benchmark.yaml"
@@ -28,7 +35,8 @@ KERNEL_REVISION = 1
 whoever changes them on purpose (tests hold stored episodes to it): what was measured before is then
 another bench's, though no key says so."""
 _BASE = REPOSITORY_CONFIGS / "lndrl.yaml"
-_POLICY = re.compile(r"[0-9a-f]{16}(?: at ([0-9.e+-]+))?(?: shield (\{.*\}))?")
+_POLICY = re.compile(r"[0-9a-f]{16}(?: at ([0-9.e+-]+))?(?: shield (\{[^{}]*\}))?")
+_GUARD = re.compile(r"(.*) guard (\{[^{}]*\})", re.DOTALL)
 
 
 class Method(Model):
@@ -44,7 +52,9 @@ class Method(Model):
     shield: bool | ShieldConfig = Field(
         False, description="whether a policy's touches are vetoed, or by which parameters"
     )
-
+    guard: bool | GuardConfig = Field(
+        False, description="whether commands go through the guard, or within which bounds"
+    )
     temperature: Temperature | None = Field(
         None, description="of a policy's sampling; by default what its file says, or 1"
     )
@@ -63,6 +73,13 @@ class Method(Model):
         if isinstance(self.shield, ShieldConfig):
             return self.shield
         return ShieldConfig() if self.shield else None
+
+    @property
+    def guarded(self) -> GuardConfig | None:
+        """The guard of this row, None for none."""
+        if isinstance(self.guard, GuardConfig):
+            return self.guard
+        return GuardConfig() if self.guard else None
 
 
 class BenchmarkSpec(Model):
@@ -163,7 +180,8 @@ class Contender:
     """A method that can be tested: its planner has been found.
 
     ``identity`` is the rule's name, the digest of the weights, or of the file of a user's class;
-    a policy's temperature and shield stand behind its digest, see ``policy_of``.
+    a policy's temperature and shield stand behind its digest, see ``policy_of``, and a guard last,
+    see ``guard_of``.
     """
 
     name: str
@@ -174,6 +192,12 @@ class Contender:
     @property
     def identity(self) -> str:
         """What must not change while a table is filled."""
+        guard = self.source.guard
+        return self._driver if guard is None else f"{self._driver} guard {guard.model_dump_json()}"
+
+    @property
+    def _driver(self) -> str:
+        """The identity without a guard."""
         if self.source.parameters is not None:
             return f"{self.source.name} {self.source.parameters.model_dump_json()}"
         if self.source.own:
@@ -201,6 +225,17 @@ class Contender:
         if self.source.weights is None:
             return "rule"
         return "greedy" if self.greedy else "sampled"
+
+
+def guard_of(identity: str) -> tuple[str, GuardConfig | None]:
+    """A ``Contender.identity`` without its guard, and the guard; None where it names none.
+
+    Raises UserError for a guard of other bounds than there are.
+    """
+    found = _GUARD.fullmatch(identity)
+    if found is None:
+        return identity, None
+    return found[1], validate(GuardConfig, json.loads(found[2]), "guard")
 
 
 def policy_of(identity: str) -> tuple[float | None, ShieldConfig | None]:
@@ -259,7 +294,9 @@ def contenders(
             missing.append(name)
             continue
         try:
-            source = planner_source(method.planner, method.settings, shield=method.shielded)
+            source = planner_source(
+                method.planner, method.settings, shield=method.shielded, guard=method.guarded
+            )
             if method.temperature is not None:
                 source = source.at_temperature(method.temperature)
             _check_layout(source, spec.config_of(name, configs), spec.training)

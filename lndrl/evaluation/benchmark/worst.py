@@ -16,6 +16,7 @@ from lndrl.evaluation.benchmark.spec import (
     bench_config,
     bench_hash,
     choose,
+    guard_of,
     policy_of,
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
@@ -92,10 +93,11 @@ def contender_tested(folder: ResultsFolder, name: str) -> tuple[Contender, Ident
 
 def _source_tested(planner: str, identity: str) -> PlannerSource:
     """``planner`` with the settings, or the temperature and shield, that ``identity`` names."""
+    identity, guard = guard_of(identity)
     if is_rule(planner):
-        return planner_source(planner, _settings(identity))
+        return planner_source(planner, _settings(identity), guard=guard)
     temperature, shield = policy_of(identity)
-    source = planner_source(planner, shield=shield)
+    source = planner_source(planner, shield=shield, guard=guard)
     # Sampled at 1 is not written: whatever the file says by now, that is how it was.
     return source.at_temperature(1.0 if temperature is None else temperature)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -55,6 +56,7 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("sweep", {"ppo", "later", "smoke", "from-nothing", "from-example"}),
         ("bench", {"benchmark", "benchmark-v1"}),
         ("calibration", {"calibration"}),
+        ("robot", {"generic", "turtlebot2", "turtlebot3-burger", "turtlebot4"}),
     ],
 )
 def test_every_kind_is_found_by_name(kind: Kind, names: set[str]) -> None:
@@ -66,7 +68,7 @@ def test_every_kind_is_found_by_name(kind: Kind, names: set[str]) -> None:
 
 def test_every_file_that_is_shipped_has_a_kind() -> None:
     files = {path for path in REPOSITORY_CONFIGS.rglob("*.yaml") if path.parent.name != "maps"}
-    kinds: tuple[Kind, ...] = ("configuration", "scenario", "sweep", "bench", "calibration")
+    kinds: tuple[Kind, ...] = get_args(Kind)
     found = [path for kind in kinds for path in shipped(kind).values()]
     assert sorted(found) == sorted(files)
     assert all(name in shipped(kind) for kind, name in DEFAULTS.items())

@@ -65,6 +65,12 @@ def drive(scanner: Scanner, count: int = 90, told: Scanner | None = None, steps:
     return made, truth
 
 
+def read(made: SensorFilter, stamp: float) -> np.ndarray:
+    pose = made.odometer.at(stamp)
+    assert pose is not None
+    return pose
+
+
 def off(made: SensorFilter, truth: np.ndarray) -> float:
     return float(np.hypot(*(made.pose() - truth)[:2]))
 
@@ -118,9 +124,8 @@ def test_readings_at_the_minimum_are_no_echo() -> None:
         truth = START.copy()
         for k in range(1, 16):
             truth = compose(truth, [0.05, 0.0, 0.05])
-            before = made.odometer.at(0.1 * (k - 1))
-            assert before is not None
-            made.add_odometry(0.1 * k, compose(before, [0.05, 0.0, 0.05]))
+            odometry = compose(read(made, 0.1 * (k - 1)), [0.05, 0.0, 0.05])
+            made.add_odometry(0.1 * k, odometry)
             ranges = scan(truth, scanner, 360)
             ranges[np.arange(360) % 4 < 2] = 0.0  # of the beams that are used, too
             made.add_scan(0.1 * k, ranges, -math.pi, 2 * math.pi / 360)
@@ -222,9 +227,7 @@ def test_the_beam_model_looks_from_where_the_scanner_is() -> None:
         truth = START.copy()
         for k in range(1, 16):
             truth = compose(truth, [0.05, 0.0, 0.1])
-            before = made.odometer.at(0.1 * (k - 1))
-            assert before is not None
-            made.add_odometry(0.1 * k, compose(before, [0.05, 0.0, 0.1]))
+            made.add_odometry(0.1 * k, compose(read(made, 0.1 * (k - 1)), [0.05, 0.0, 0.1]))
             made.add_scan(0.1 * k, scan(truth, scanner, 12), -math.pi, math.tau / 12)
         weights.append(off(made, truth))
     assert weights[0] < 0.06 and weights[0] < weights[1]

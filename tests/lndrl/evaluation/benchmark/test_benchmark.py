@@ -28,7 +28,7 @@ from lndrl.evaluation.benchmark import (
     mcnemar,
     rows_of,
 )
-from lndrl.evaluation.benchmark.spec import policy_of
+from lndrl.evaluation.benchmark.spec import guard_of, policy_of
 from lndrl.evaluation.episodes import EpisodeRunner
 from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.navigation import EpisodeRecord
@@ -208,16 +208,22 @@ def test_temperature_and_shield_of_a_method_are_its_own(
         + "  cold: {planner: runs/small, temperature: 0.3, shield: {horizon: 0.8}}\n"
         + "  warm: {planner: runs/small, temperature: 2}\n"
         + "  shielded: {planner: runs/small, shield: true}\n"
+        + "  guarded: {planner: runs/small, temperature: 0.3, guard: {people_speed: 1.0}}\n"
+        + "  both: {planner: predictive, settings: {goal_weight: 9}, guard: true}\n"
     )
     found, _ = contenders(load_benchmark(spec), configs=spec.parent)
-    small, oracle, _, cold, warm, shielded = found
+    small, oracle, _, cold, warm, shielded, guarded, both = found
     digest = small.identity
     assert oracle.identity == digest and len(digest) == 16
     assert warm.identity == f"{digest} at 2.0"
     assert cold.identity.startswith(f'{digest} at 0.3 shield {{"horizon":0.8,')
     assert shielded.identity.startswith(f'{digest} shield {{"horizon":1.2,')
+    assert guarded.identity.startswith(f'{digest} at 0.3 guard {{"people_speed":1.0,')
+    assert both.identity.startswith("predictive {") and both.source.title == "predictive+guard"
     for each in found:
-        temperature, shield = policy_of(each.identity)
+        driver, guard = guard_of(each.identity)
+        assert guard == each.source.guard
+        temperature, shield = policy_of(driver)
         assert (temperature or 1.0, shield) == (each.source.temperature, each.source.shield)
     # The likeliest action is the same one at any temperature.
     (greedy,), _ = contenders(load_benchmark(spec), ["warm"], greedy=True, configs=spec.parent)
@@ -229,6 +235,7 @@ def test_temperature_and_shield_of_a_method_are_its_own(
         again, _ = contender_tested(folder, each.name)
         assert again.source.temperature == each.source.temperature
         assert again.source.shield == each.source.shield and again.identity == each.identity
+        assert again.source.guard == each.source.guard
 
 
 def test_a_methods_temperature_is_a_policys(tmp_path: Path) -> None:
