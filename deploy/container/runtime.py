@@ -16,6 +16,7 @@ DEVELOPMENT = {
     *("onnxscript", "pathspec", "pluggy", "pytest", "pytest-xdist", "ruff", "sortedcontainers"),
     *("tomlkit", "trove-classifiers", "types-PyYAML", "kubernetes-validate", "jsonschema"),
     *("jsonschema-specifications", "referencing", "rpds-py", "attrs", "importlib_resources"),
+    "mcap-ros2-support",
 }
 
 
