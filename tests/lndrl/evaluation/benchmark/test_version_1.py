@@ -83,8 +83,11 @@ def test_the_delay_is_judged_as_it_was(bench: BenchmarkSpec) -> None:
 
 
 @pytest.mark.parametrize("method", ["dwa", "random"])
-def test_stored_episodes_are_driven_again_bit_for_bit(bench: BenchmarkSpec, method: str) -> None:
+def test_stored_episodes_are_driven_again(bench: BenchmarkSpec, method: str) -> None:
     """Red: the world, the filter, the task or the planner come to other numbers.
+
+    Sums are as wide as the processor's registers, so machines with AVX2 and AVX-512 differ in the
+    last digits; on one machine an episode repeats bit for bit (test_replay.py).
 
     Raise ``KERNEL_REVISION`` if that is on purpose, freeze the bench anew and store new episodes.
     """
@@ -100,4 +103,7 @@ def test_stored_episodes_are_driven_again_bit_for_bit(bench: BenchmarkSpec, meth
             record = driven[int(row["episode"])]
             figures = {**record, **record["reward_parts"]}
             names = [n for n in row if n not in ("method", "scenario", "episode")]
-            assert {n: str(figures[n]) for n in names} == {n: row[n] for n in names}, scenario
+            words = [n for n in names if not isinstance(figures[n], float)]
+            assert {n: str(figures[n]) for n in words} == {n: row[n] for n in words}, scenario
+            numbers = {n: float(row[n]) for n in names if n not in words}
+            assert {n: figures[n] for n in numbers} == pytest.approx(numbers, rel=1e-9, abs=1e-12)
