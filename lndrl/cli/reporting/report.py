@@ -40,8 +40,8 @@ def report(
         typer.Option(
             metavar="N",
             min=0,
-            help=f"Of a run: episodes that its policy drives for the page. [default: {EPISODES};"
-            " 0: none]",
+            help=f"Of a run: episodes that its policy drives for the page; default: {EPISODES};"
+            " 0: none.",
             show_default=False,
         ),
     ] = None,
@@ -54,7 +54,7 @@ def report(
         typer.Option(
             min=0,
             metavar="SEED",
-            help="Of a run's episodes, as in lndrl evaluate. [default: 0]",
+            help="Of a run's episodes, as in lndrl evaluate; default: 0.",
             show_default=False,
         ),
     ] = None,
@@ -67,7 +67,7 @@ def report(
         str | None,
         typer.Option(
             metavar="M",
-            help="Of results: the row that others are compared with. [default: lndrl]",
+            help="Of results: the row that others are compared with; default: lndrl.",
             show_default=False,
         ),
     ] = None,
