@@ -106,7 +106,7 @@ def test_a_policy_is_sampled_at_what_its_file_says_unless_another_is_named(
     assert source.temperature == 0.25 and source.at_temperature(2.0).temperature == 2.0
     planner = source.build(small)
     assert isinstance(planner, ShieldedPlanner)
-    assert planner._planner.temperature == 0.25  # type: ignore[attr-defined]
+    assert planner.planner.temperature == 0.25  # type: ignore[attr-defined]
     assert planner_source(saved(small, tmp_path / "plain")).temperature == 1.0
 
 
