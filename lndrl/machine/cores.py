@@ -69,6 +69,18 @@ def usable_threads() -> int:
     return min(cores, asked) if asked > 0 else cores
 
 
+def machine_cores() -> int:
+    """Cores of the whole machine, whoever may use them: what its load is a share of."""
+    return os.cpu_count() or 1
+
+
+def allowed_cores() -> tuple[int, ...]:
+    """Numbers of the cores that the affinity mask lets this process run on, ascending."""
+    if hasattr(os, "sched_getaffinity"):
+        return tuple(sorted(os.sched_getaffinity(0)))
+    return tuple(range(machine_cores()))
+
+
 def limit_threads() -> None:
     """Tell numerical libraries, before they are loaded, of a quota that they do not look at.
 

@@ -7,6 +7,8 @@ import time
 
 import psutil
 
+from lndrl.machine.cores import machine_cores
+
 
 class Load:
     """CPU since the last look, and memory in use, of the whole machine. Thread-safe.
@@ -40,7 +42,7 @@ class Load:
         self._known = {
             "cpu": min(max(busy / total, 0.0), 1.0) if total > 0 else 0.0,
             "memory": min(max(1.0 - memory.available / memory.total, 0.0), 1.0),
-            "cores": float(psutil.cpu_count() or 1),
+            "cores": float(machine_cores()),
             "gigabytes": memory.total / 2**30,
         }
 

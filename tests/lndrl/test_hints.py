@@ -44,7 +44,7 @@ def test_a_slip_is_understood(section: str, key: str, meant: str) -> None:
 @pytest.mark.parametrize(
     ("section", "key", "other"),
     [
-        ("localization", "laser_min_range", "laser_max_range"),
+        ("localization", "laser_mean_range", "laser_max_range"),
         ("localization", "odom_alpha5", "odom_alpha1"),
         ("localization", "update_min_t", "update_min_d"),
         ("localization", "initial_cov_xy", "initial_cov_xx"),

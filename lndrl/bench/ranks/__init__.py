@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import statistics
 import subprocess
 import sys
@@ -18,7 +17,7 @@ import numpy as np
 from lndrl.bench.scene import hybrid_config, observations, settings
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep.processes import this_program
-from lndrl.machine.cores import THREAD_VARIABLES
+from lndrl.machine.cores import THREAD_VARIABLES, allowed_cores
 from lndrl.machine.ports import free_port
 
 MINIBATCH = 1024
@@ -37,7 +36,7 @@ def measure(seconds: float) -> dict[str, Any]:
     the losses of the first turn, relative. ``missing`` says so where there are no two cores. Raises
     UserError when a rank fails.
     """
-    cores = sorted(os.sched_getaffinity(0))
+    cores = allowed_cores()
     if len(cores) < _RANKS:
         return {"missing": f"needs {_RANKS} cores, this process may use {len(cores)}"}
     with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as place, ExitStack() as stack:

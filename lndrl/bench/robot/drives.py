@@ -18,6 +18,7 @@ from lndrl.config import RunConfig
 from lndrl.errors import UserError
 from lndrl.evaluation import evaluate, settings_for
 from lndrl.evaluation.benchmark.results.paired import paired_interval
+from lndrl.machine.cores import allowed_cores, machine_cores
 from lndrl.machine.threads import kept_threads, set_threads
 from lndrl.planners import PlannerSource, planner_source
 from lndrl.robot.driving import DriveService, Pilot
@@ -97,8 +98,8 @@ def _driven() -> tuple[PlannerSource, RunConfig]:
 @contextmanager
 def _on_one_core() -> Iterator[None]:
     """Hold this process, all its threads to come and the policy's sums on one core."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(before)})
+    before = allowed_cores()
+    os.sched_setaffinity(0, before[:1])
     try:
         with kept_threads():
             set_threads(1)
@@ -131,7 +132,7 @@ def _stand_in(*options: str) -> Iterator[tuple[Link, subprocess.Popen[str]]]:
 
 
 def _anywhere() -> None:
-    os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    os.sched_setaffinity(0, range(machine_cores()))
 
 
 def _linked(endpoint: str, process: subprocess.Popen[str]) -> Link:

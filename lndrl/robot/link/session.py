@@ -195,17 +195,17 @@ class Link:
             return False
 
     def close(self) -> None:
-        """End the session; what was sent goes out before."""
+        """End the session within seconds; what was sent goes out before."""
         self._guard.release()
-        if self._session.closing:
-            return
+        self._session.close(before=self._undeclare)
+
+    def _undeclare(self) -> None:
         for each in reversed(self._kept):
             try:
                 each.undeclare()
             except zenoh.ZError:
                 continue
         self._seen.close()
-        self._session.close()
 
     def _token(self, kind: Any, topic: Topic) -> str:
         self._number += 1

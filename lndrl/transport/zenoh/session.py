@@ -116,13 +116,21 @@ class ZenohSession:
         except zenoh.ZError:
             return False
 
-    def close(self, timeout: float = CLOSE_SECONDS) -> None:
-        """Close within ``timeout`` seconds; a session that refuses is left to its thread."""
+    def close(
+        self, timeout: float = CLOSE_SECONDS, before: Callable[[], None] | None = None
+    ) -> None:
+        """Close within ``timeout`` seconds; a session that refuses is left to its thread.
+
+        ``before`` is called first, within the same time: what it asks of zenoh may never return
+        where the other end is gone.
+        """
         with self._lock:
             if self._closing.is_set():
                 return
             self._closing.set()
-        thread = threading.Thread(target=self._close, name="lndrl-close", daemon=True)
+        thread = threading.Thread(
+            target=self._close, args=(before,), name="lndrl-close", daemon=True
+        )
         thread.start()
         thread.join(timeout)
         if thread.is_alive():
@@ -131,8 +139,10 @@ class ZenohSession:
             if worker is not threading.current_thread():
                 worker.join(0.5)
 
-    def _close(self) -> None:
+    def _close(self, before: Callable[[], None] | None) -> None:
         try:
+            if before is not None:
+                before()
             self.zenoh.close()
         except zenoh.ZError as error:
             logger.debug("closing a session: %s", error)

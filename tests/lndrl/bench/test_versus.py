@@ -164,7 +164,10 @@ def test_an_interrupt_leaves_no_process(repository: Path, tmp_path: Path) -> Non
     [
         (["world", "--vs", "HEAD", "--profile"], "--profile goes with train"),
         (["train", "--vs", "HEAD", "--profile"], "--vs compares two builds on the CPU"),
-        (["amcl", "--set", "seed=2"], "--set goes with world, policy, learner, train, memory, not"),
+        (
+            ["amcl", "--set", "seed=2"],
+            "--set goes with world, policy, learner, ranks, train, memory, not",
+        ),
         (["world", "--vs", "HEAD", "--seconds", "0"], "--seconds 0: must be above 0"),
     ],
 )

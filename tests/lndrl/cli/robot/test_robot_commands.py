@@ -70,8 +70,17 @@ def start(*arguments: str, cwd: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "lndrl", *arguments], cwd=cwd, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "PYTHONFAULTHANDLER": "1"},
     )  # fmt: skip
+
+
+def ended(process: subprocess.Popen[str], seconds: float) -> tuple[str, str]:
+    """What it says until its end; one that hangs tells where its threads are."""
+    try:
+        return process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGABRT)  # faulthandler's
+        pytest.fail(f"still running after {seconds:g} s:\n{process.communicate()[1]}")
 
 
 def test_a_rehearsal_from_the_command_line(tmp_path: Path) -> None:
@@ -88,7 +97,7 @@ def test_a_rehearsal_from_the_command_line(tmp_path: Path) -> None:
         assert [each["outcome"] for each in records] == ["arrived", "arrived"]
         time.sleep(0.5)
         drive.send_signal(signal.SIGINT)
-        out, err = drive.communicate(timeout=60)
+        out, err = ended(drive, 60.0)
     finally:
         robot.kill()
         drive.kill()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -113,6 +114,23 @@ def test_a_lost_link_is_seen_and_comes_back() -> None:
             again.subscribe(COMMAND)
             assert until(drive.connected, 10.0)
             assert until(lambda: _put_until_heard(commands, again))
+
+
+def test_closing_waits_for_nobody() -> None:
+    """Whatever hangs in taking leave, the link is closed within seconds."""
+    link = open_link(Address(free_endpoint(), "bridge", listen=True), "robot")
+    release = threading.Event()
+
+    class Hangs:
+        def undeclare(self) -> None:
+            release.wait(30.0)
+
+    link._kept.append(Hangs())
+    began = time.monotonic()
+    link.close()
+    took = time.monotonic() - began
+    release.set()
+    assert link.closed and took < 10.0
 
 
 def _put_until_heard(commands: Any, robot: Link) -> bool:
