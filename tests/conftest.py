@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
@@ -33,6 +34,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         if not torch.cuda.is_available():
             pytest.skip("needs a CUDA GPU")
 
+
+# Under nohup, and as a script's background job, a process is born deaf to these, and so is all that
+# it starts; what they do to a program is what some tests are about.
+for _number in (signal.SIGHUP, signal.SIGQUIT):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.SIG_DFL)
 
 # No deadline: the first example compiles the kernel. Derandomized: a red test is red again.
 settings.register_profile(
