@@ -35,11 +35,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             pytest.skip("needs a CUDA GPU")
 
 
-# Under nohup, and as a script's background job, a process is born deaf to these, and so is all that
+# Under nohup, or as a script's background job, a process is born deaf to these, and so is all that
 # it starts; what they do to a program is what some tests are about.
-for _number in (signal.SIGHUP, signal.SIGQUIT):
+for _number, _handler in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGQUIT, signal.SIG_DFL),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
     if signal.getsignal(_number) is signal.SIG_IGN:
-        signal.signal(_number, signal.SIG_DFL)
+        signal.signal(_number, _handler)
 
 # No deadline: the first example compiles the kernel. Derandomized: a red test is red again.
 settings.register_profile(
