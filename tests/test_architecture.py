@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONGEST
+
 ROOT = Path(__file__).resolve().parent.parent
 FLOORS = {
     "lndrl": 7,  # the front door: nobody inside goes through it
@@ -380,3 +382,7 @@ def test_types_are_checked_everywhere_and_as_strictly_in_tests() -> None:
     relaxed = [name for each in settings["overrides"] for name in each["module"]]
     assert not [name for name in relaxed if name.split(".")[0] in (*settings["files"], "*")]
     assert "\t$(BIN)/mypy\n" in (ROOT / "Makefile").read_text(), "with no arguments: all of them"
+
+
+def test_the_files_that_are_begun_first_are_there() -> None:
+    assert [name for name in LONGEST if not (ROOT / "tests" / name).is_file()] == []
