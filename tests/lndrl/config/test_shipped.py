@@ -41,6 +41,7 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
                 "no_reward",
                 "no_variance",
                 "reward_alone",
+                "shipped-robot",
                 "table-alone",
                 "table-careful",
                 "table-lndrl",
