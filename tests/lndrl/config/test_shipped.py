@@ -55,7 +55,7 @@ def empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             },
         ),
         ("sweep", {"ppo", "later", "smoke", "from-nothing", "from-example"}),
-        ("bench", {"benchmark", "benchmark-v1"}),
+        ("bench", {"benchmark", "benchmark-robot", "benchmark-v1"}),
         ("calibration", {"calibration"}),
         ("robot", {"generic", "turtlebot2", "turtlebot3-burger", "turtlebot4"}),
     ],
