@@ -170,6 +170,11 @@ class PredictivePlanner:
             driven = velocities(start, commands, self._limits, self._tick, self._ticks)
             self._speeds[rows] = driven[:, -1]
 
+    def measured(self, speeds: NDArray[np.float64], rows: NDArray[np.int64]) -> None:
+        """The robots at ``rows`` (B,) drive ``speeds`` (B, 2) now, whatever they were told."""
+        if self._limits is not None:
+            self._speeds[rows] = speeds
+
     def _turning_price(self) -> NDArray[np.float64]:
         """What the turning of every pair costs, (A, A)."""
         p, turned = self.parameters, np.abs(self._actions[:, 1])
