@@ -104,7 +104,7 @@ def render(page: str, card: Card) -> str:
     def block(match: re.Match[str]) -> str:
         name = match[2]
         if name not in _BLOCKS:
-            raise UserError(f"the page has a block {name}, which is none of {', '.join(_BLOCKS)}")
+            raise UserError(f"block {name} is none of {', '.join(_BLOCKS)}")
         return f"{match[1]}{_BLOCKS[name](card)}\n{match[3]}"
 
     return _BLOCK.sub(block, page)
