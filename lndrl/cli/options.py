@@ -312,10 +312,12 @@ def of_run(planner: str, checkpoint: str | None, planners: Sequence[str]) -> str
     """
     if checkpoint is None:
         return None
-    from lndrl.config.shipped import SHIPPED_POLICY  # brings pydantic along
+    from lndrl.config.shipped import SHIPPED_POLICIES  # brings pydantic along
 
     runs = [
-        each for each in planners if each != SHIPPED_POLICY and Path(each, "checkpoints").is_dir()
+        each
+        for each in planners
+        if each not in SHIPPED_POLICIES and Path(each, "checkpoints").is_dir()
     ]
     if not runs:
         raise UserError(
