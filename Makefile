@@ -29,7 +29,7 @@ help:
 	@echo "make train     train; STEPS=20000 RUN=first ACTORS=2; a run that exists is continued"
 	@echo "make train-all   train every method of the paper's table; STEPS=20000 for short runs"
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
-	@echo "make check     format, lint, types, tests: what every change must pass"
+	@echo "make check     format, lint, types, pages, tests: what every change must pass"
 	@echo "make docs      the documentation as a site, build/docs/site/index.html"
 	@echo "make format    format the code"
 	@echo "make schemas   rewrite configs/schemas, when a key comes or changes"
@@ -64,6 +64,7 @@ check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/python -m docs.site
 	$(MAKE) --no-print-directory test
 
 # What editors check the files in configs by; to be renewed when a key comes or changes.

@@ -2,7 +2,8 @@
 
     python deploy/container/runtime.py requirements.lock
 
-What only tests, types, exports and the site of the documentation need stays out. A new package is in, unless it is named here.
+What only tests, types, exports and the documentation's site need stays out. A new package is in,
+unless it is named here.
 """
 
 from __future__ import annotations

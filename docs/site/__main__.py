@@ -18,6 +18,8 @@ from docs.site.stage import ROOT, stage
 CONFIG = Path(__file__).with_name("zensical.toml")
 OUT = ROOT / "build" / "docs"
 OFFLINE = "offline.js"
+ASSETS = ("extra.css", "reachable.js", OFFLINE)
+"""What the pages load beside the theme."""
 ELSEWHERE = "https://unpkg.com/iframe-worker/shim"
 """What the theme loads to search pages that were opened as files."""
 _LOADED = re.compile(
@@ -37,7 +39,7 @@ def prepare(folder: Path) -> None:
     write_reference(pages / "reference")
     stage(pages)
     shutil.copy(CONFIG, folder / CONFIG.name)
-    for name in ("extra.css", OFFLINE):
+    for name in ASSETS:
         shutil.copy(CONFIG.with_name(name), pages / name)
 
 

@@ -13,7 +13,7 @@ RUNS = ("first", "second", "a", "b", "mine", "example")
 """Runs of the pages that a moment's training stands for."""
 FOLLOWED = ("docs/tutorial.md",)
 """Pages that are followed from the first command to the last, with fewer steps and episodes."""
-_ALONE = ("version", "config", "scenarios", "certs", "results", "runs", "curves", "report")
+_ALONE = ("version", "config", "scenarios", "certs", "results", "runs", "curves")
 
 
 def as_it_stands(words: Sequence[str]) -> bool:
@@ -22,10 +22,8 @@ def as_it_stands(words: Sequence[str]) -> bool:
     if name == "benchmark" and "--table" in rest:
         return "--from" not in rest and "--pack" not in rest
     if name == "sweep" and "--table" in rest:
-        return rest[0] in shipped("sweep")
+        return rest[0] in shipped("sweep") and "--plot" not in rest  # there is nothing to draw yet
     if name not in _ALONE or any(word in rest for word in ("--localizability", "--draw")):
-        return False
-    if name == "report" and rest[1:3] != ["--episodes", "0"]:
         return False
     if name == "certs" and "--renew" in rest:  # of what there is already
         return False
@@ -39,8 +37,8 @@ def shortened(words: Sequence[str]) -> list[str] | None:
     """
     name, *rest = words
     if name == "train":
-        rest = [word for word in rest if word != "60000"]
-        rest = [word for word in rest if word != "--steps"]
+        if "--steps" in rest:
+            rest[rest.index("--steps") + 1] = "64"
         return ["train", *([] if "--resume" in rest else ["small.yaml"]), *rest, "--serial"]
     if name in ("evaluate", "lost"):
         if "--episodes" not in rest:
@@ -52,6 +50,13 @@ def shortened(words: Sequence[str]) -> list[str] | None:
     if name == "report":
         return [name, *rest, "--episodes", "0"]
     return [name, *rest] if as_it_stands(words) else None
+
+
+def shape(words: Sequence[str]) -> tuple[str, ...]:
+    """What two commands share that do the same to something else: all but values and names."""
+    name, *rest = words
+    inner = [rest[0]] if name in ("config", "runs", "figures") and rest else []
+    return (name, *inner, *sorted(word for word in rest if word.startswith("--")))
 
 
 def _is_there(word: str) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -87,7 +88,7 @@ def _named(name: str, found: dict[str, Any]) -> Iterator[str]:
     for parameter, check in _CHECKS.items():
         value = found.get(parameter)
         for each in value if isinstance(value, list | tuple) else [value]:
-            if isinstance(each, str) and (fault := check(each)):
+            if isinstance(each, str | Path) and (fault := check(str(each))):
                 yield f"{parameter} {each}: {fault}"
     if name == "sweep" and not _is_one(found["file"], shipped("sweep")):
         yield f"no sweep {found['file']}"

@@ -15,8 +15,8 @@ import pytest
 
 from lndrl.cli.help import EXAMPLES
 from lndrl.cli.main import run as lndrl
-from lndrl.machine.threads import kept_threads
-from tests.docs.doing import FOLLOWED, as_it_stands, shortened
+from tests.docs.conftest import Followed
+from tests.docs.doing import FOLLOWED, as_it_stands, shape
 from tests.docs.pages import PAGES, ROOT, Command, command_lines, commands, name_of
 from tests.docs.parse import faults
 
@@ -26,7 +26,14 @@ OF_HELP = [
     for name, examples in EXAMPLES.items()
     for example in examples
 ]
-RUN = sorted({each.words for each in (*ALL, *OF_HELP) if each.block and as_it_stands(each.words)})
+RUN = sorted(
+    {
+        shape(each.words): each.words
+        for each in (*OF_HELP, *ALL)
+        if each.block and as_it_stands(each.words)
+    }.values()
+)
+"""One of each shape."""
 
 
 @pytest.mark.parametrize("page", [*map(name_of, PAGES), "help"])
@@ -95,26 +102,13 @@ def test_commands_that_cost_little_run_as_they_stand(
         json.loads(said)  # no line beside it
 
 
-@pytest.mark.parametrize("page", FOLLOWED)
-def test_who_follows_a_page_gets_to_its_end(
-    page: str,
-    trained: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "small.yaml").write_text((trained / "small.yaml").read_text())
-    followed = []
-    for command in commands(ROOT / page):
-        words = shortened(command.words) if command.block else None
-        if words is not None:
-            with kept_threads():
-                assert lndrl(words) == 0, (command, capsys.readouterr().err)
-            followed.append(command.words[0])
-    assert {"train", "runs", "evaluate", "play", "curves", "report", "lost"} <= set(followed)
-    named = re.findall(r"--out (\S+)", (ROOT / page).read_text())
-    assert all(Path(name.replace(".gif", ".png")).exists() for name in named)
+def test_who_follows_the_tutorial_gets_to_its_end(followed: Followed) -> None:
+    assert [command for command, code in followed.codes if code != 0] == []
+    names = {command.words[0] for command, _ in followed.codes}
+    assert {"train", "runs", "evaluate", "play", "curves", "report", "lost"} <= names
+    for page in FOLLOWED:
+        for name in re.findall(r"--out (\S+)", (ROOT / page).read_text()):
+            assert (followed.folder / name.replace(".gif", ".png")).exists(), name
 
 
 def test_targets_of_make_exist() -> None:

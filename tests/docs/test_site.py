@@ -65,7 +65,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for page in (folder / "pages").rglob("*.md"):
         if page.relative_to(folder / "pages").as_posix() not in KEPT:
             page.unlink()
-    for name in ("extra.css", site.OFFLINE):
+    for name in site.ASSETS:
         shutil.copy(site.CONFIG.with_name(name), folder / "pages")
     config = site.CONFIG.read_text()
     nav = ", ".join(f'{{ "{name}" = "{name}" }}' for name in KEPT)
@@ -85,11 +85,13 @@ def test_links_and_anchors_that_lead_nowhere_end_the_build(tmp_path: Path) -> No
         '[project]\nsite_name = "a"\ndocs_dir = "pages"\nnav = ["index.md"]\n'
         f"[project.validation]\n{checks}\n"
     )
-    page = tmp_path / "pages/index.md"
-    for link, code in (("#here", 0), ("#there", 1), ("other.md", 1)):
-        page.write_text(f"# Here\n\n[a]({link}) in [−0.1, +0.2]\n")
-        done = made(tmp_path, strictly=True)
-        assert (done.returncode != 0) == bool(code), (link, done.stdout + done.stderr)
+    (tmp_path / "pages/index.md").write_text(
+        "# Here\n\n[a](#here), [b](#there), [c](other.md), in [−0.1, +0.2]\n"
+    )
+    done = made(tmp_path, strictly=True)
+    assert done.returncode != 0
+    said = done.stdout + done.stderr
+    assert "2 issues found" in said and "there" in said and "other.md" in said
 
 
 def test_pages_ask_nobody(built: Path, tmp_path: Path) -> None:
@@ -116,7 +118,9 @@ def test_chromium_shows_it_whole(page: str, width: int, dark: bool, built: Path)
     found = look(built / page, built, width, dark, axe=bool(AXE))
     assert found["width"] == width and found["dark"] == dark
     assert (found["background"] == "rgb(255, 255, 255)") is not dark
-    assert found["console"] == [] and found["faults"] == []
+    # What a frame, which the page is shown in here, may not do.
+    console = [line for line in found["console"] if "Blocked autofocusing" not in line]
+    assert console == [] and found["faults"] == []
     assert found["wide"] <= width
     assert found["images"] >= 1 and found["loaded"] == found["images"]
     serious = [each for each in found.get("axe", []) if each[0] in ("serious", "critical")]

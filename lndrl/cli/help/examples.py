@@ -48,7 +48,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "actor": _of(
         ("actor --connect tcp/127.0.0.1:7447 --count auto", "one per core"),
-        ("actor --connect tls/LEARNER:7447 --certs certs --count 8", "from elsewhere"),
+        ("actor --connect tls/LEARNER:7447 --certs certs --count 8", "others"),
     ),
     "evaluator": _of(
         ("evaluator --connect tcp/127.0.0.1:7447", "of a learner on this machine"),
@@ -90,7 +90,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "returns": _of(
         ("returns predictive careful", "at the usual discounts"),
-        ("returns predictive careful --set task.reward.lost=-2000", "another reward"),
+        ("returns predictive careful --set task.reward.lost=-2000", "others"),
     ),
     "benchmark": _of(
         ("benchmark --table", "only show what is there"),
@@ -98,7 +98,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "results": _of(
         ("results", "your own, else those that come along"),
-        ("results --reference careful --methods careful,dwa", "beside another row"),
+        ("results --reference careful --methods careful,dwa", "beside one"),
     ),
     "calibrate": _of(
         ("calibrate --table", "only show what is there"),
@@ -122,7 +122,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "localization": _of(
         ("localization --scenarios hall", "one place"),
-        ("localization --scenarios hybrid,sparse --seeds 3 --out filter.md", "a page"),
+        ("localization --scenarios hall,sparse --seeds 3 --out filter.md", ""),
     ),
     "lost": _of(
         ("lost dwa --scenario hybrid", "a rule, in one place"),
@@ -134,7 +134,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "export": _of(
         ("export runs/first --out policy.onnx", "and policy.json"),
-        ("export shipped --out policy.onnx --observations 100", "compared on fewer"),
+        ("export shipped --out policy.onnx --observations 100", "on fewer"),
     ),
     "drive": _of(
         ("drive shipped", "what lndrl robot-sim is"),
@@ -146,7 +146,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "replay": _of(
         ("replay drive.mcap --map building.yaml", "where the belief went"),
-        ("replay drive.mcap --policy shipped --out replay.png", "it would do that"),
+        ("replay drive.mcap --policy shipped --out replay.png", "a picture"),
     ),
     "scenarios": _of(
         ("scenarios", "what there is"),
