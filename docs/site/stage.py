@@ -61,7 +61,14 @@ def stage(target: Path) -> None:
 
 def one_dialect(text: str) -> str:
     """Markdown as code hosts read it as Markdown that Python's library reads alike."""
-    return "\n".join(_fenced(_indented(text.splitlines()))) + "\n"
+    return "\n".join(map(_cells, _fenced(_indented(text.splitlines())))) + "\n"
+
+
+def _cells(line: str) -> str:
+    """A row of a table: hosts want a bar in code escaped, Python's library wants it as it is."""
+    if not line.lstrip().startswith("|"):
+        return line
+    return re.sub(r"`[^`]+`", lambda code: code[0].replace("\\|", "|"), line)
 
 
 def _relink(name: str, place: str, text: str, places: dict[str, str]) -> tuple[str, set[str]]:

@@ -98,11 +98,11 @@ def test_a_link_to_nothing_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path:
 def test_lists_and_blocks_become_the_builders_dialect() -> None:
     text = (
         "1. one\n   more\n\n   | a |\n   |---|\n\n2. two\n\nThen\n\n"
-        "    lndrl runs\n\n    lndrl demo\n\nor\n\n    up = 1\n"
+        "    lndrl runs\n\n    lndrl demo\n\nor\n\n    up = 1\n\n| `a\\|b` \\| c |\n"
     )
     assert one_dialect(text) == (
         "1. one\n    more\n\n    | a |\n    |---|\n\n2. two\n\nThen\n\n"
-        "```sh\nlndrl runs\n\nlndrl demo\n```\n\nor\n\n```text\nup = 1\n```\n\n"
+        "```sh\nlndrl runs\n\nlndrl demo\n```\n\nor\n\n```text\nup = 1\n```\n\n| `a|b` \\| c |\n"
     )
 
 

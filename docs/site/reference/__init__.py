@@ -9,6 +9,7 @@ from docs.site.reference.configuration import configuration_pages
 from docs.site.reference.messages import messages_page
 from docs.site.reference.metrics import metrics_page
 from docs.site.reference.python import python_page
+from docs.site.stage import one_dialect
 
 __all__ = ["reference_pages", "write_reference"]
 
@@ -28,4 +29,4 @@ def write_reference(folder: Path) -> None:
     """Write all pages into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in reference_pages().items():
-        (folder / name).write_text(text, encoding="utf-8")
+        (folder / name).write_text(one_dialect(text), encoding="utf-8")

@@ -27,8 +27,8 @@ def said(docstring: str | None) -> str:
 
 
 def plain(text: str) -> str:
-    """Words of the program that Markdown must not read: ``*``, ``_`` and ``<``."""
-    return re.sub(r"([*_<\[\]])", r"\\\1", text)
+    """Words of the program that Markdown must not read: ``*``, ``_``, brackets and ``<``."""
+    return re.sub(r"([*_\[\]])", r"\\\1", text).replace("<", "&lt;")
 
 
 def _cell(text: str) -> str:
