@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from tests.docs.doing import FOLLOWED, shortened
+from tests.docs.test_blocks import ALL as BLOCKS
+from tests.docs.test_blocks import ELSEWHERE
 from tests.docs.test_commands import ALL, OF_HELP, RUN
 
 followed = [each for each in ALL if each.page in FOLLOWED and each.block and shortened(each.words)]
@@ -15,3 +17,8 @@ print(
 )
 print(f"run as they stand: {len(RUN)} different ones")
 print(f"run with fewer steps and episodes: {len(followed)}, of {', '.join(FOLLOWED)}")
+python = [block for block in BLOCKS if block.language == "python"]
+print(
+    f"{len(python)} blocks of Python, all run: {sum(b.page in ELSEWHERE for b in python)} by tests of"
+)
+print(f"their own; {len(BLOCKS) - len(python)} of files, all read")

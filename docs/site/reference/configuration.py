@@ -65,13 +65,13 @@ def _of_others() -> str:
 
 def _rows(found: list[Key]) -> str:
     return table(
-        ("key", "may be", "default", "what it is"),
+        ("key", "what it is", "may be", "default"),
         [
             (
                 code(key.name),
+                plain(key.description),
                 plain(key.kind) if key.is_value else "keys",
                 _default(key),
-                plain(key.description),
             )
             for key in found
         ],
