@@ -18,7 +18,6 @@ print(
 print(f"run as they stand: {len(RUN)} different ones")
 print(f"run with fewer steps and episodes: {len(followed)}, of {', '.join(FOLLOWED)}")
 python = [block for block in BLOCKS if block.language == "python"]
-print(
-    f"{len(python)} blocks of Python, all run: {sum(b.page in ELSEWHERE for b in python)} by tests of"
-)
-print(f"their own; {len(BLOCKS) - len(python)} of files, all read")
+elsewhere = sum(block.page in ELSEWHERE for block in python)
+print(f"{len(python)} blocks of Python, all run, {elsewhere} of them by tests of their own")
+print(f"{len(BLOCKS) - len(python)} blocks of files and texts, read by what they are for")
