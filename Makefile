@@ -21,7 +21,7 @@ ARGS ?=
 WORKERS ?= 2
 PYTEST ?=
 
-.PHONY: help install references train train-all test check format schemas clean lock
+.PHONY: help install references train train-all test check docs format schemas clean lock
 
 help:
 	@echo "make install   .venv with the exact versions of requirements.lock"
@@ -29,7 +29,8 @@ help:
 	@echo "make train     train; STEPS=20000 RUN=first ACTORS=2; a run that exists is continued"
 	@echo "make train-all   train every method of the paper's table; STEPS=20000 for short runs"
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
-	@echo "make check     format, lint, types, tests: what every change must pass"
+	@echo "make check     format, lint, types, pages, tests: what every change must pass"
+	@echo "make docs      the documentation as a site, build/docs/site/index.html"
 	@echo "make format    format the code"
 	@echo "make schemas   rewrite configs/schemas, when a key comes or changes"
 	@echo "make clean     remove caches and builds, keep .venv and runs"
@@ -63,6 +64,7 @@ check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/python -m docs.site
 	$(MAKE) --no-print-directory test
 
 # What editors check the files in configs by; to be renewed when a key comes or changes.
@@ -70,6 +72,10 @@ schemas: install
 	mkdir -p configs/schemas
 	for kind in configuration scenario sweep bench calibration robot; do \
 		$(BIN)/lndrl config schema $$kind > configs/schemas/$$kind.json || exit 1; done
+
+# Strictly: a link or anchor that leads nowhere is an error. Nothing is asked of a network.
+docs: install
+	$(BIN)/python -m docs.site
 
 format: install
 	$(BIN)/ruff check --fix-only --quiet .

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from lndrl.cli.completion import complete_configuration, complete_key, complete_shown
+from lndrl.cli.help import say_next
 from lndrl.cli.options import Settings
 
 if TYPE_CHECKING:
@@ -87,6 +88,9 @@ def explain(
     for source, meaning in SOURCES.items():
         if any(source in each.description for each in found):
             typer.echo(f"{source}: {meaning}")
+    if len(found) == 1 and found[0].is_value and not found[0].default.startswith("none;"):
+        value = f"{found[0].name}={found[0].default}"
+        say_next("lndrl", "train", "--set", value, then="with a value of yours")
 
 
 @config.command("diff")
@@ -179,6 +183,7 @@ def _list() -> None:
             headline = textwrap.shorten(_headline(path), 74, placeholder=" …")
             typer.echo(f"    {name:<20} {headline}")
     typer.echo(f"files: {REPOSITORY_CONFIGS}")
+    say_next("lndrl", "config", "show", "lndrl", then="all keys of one")
 
 
 def _headline(path: Path) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_origin
 from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.signals import telling
@@ -51,7 +52,11 @@ def export(
         exported.write(out)
     except OSError as error:
         raise UserError(f"--out {out}: cannot be written ({error.strerror})") from None
-    typer.echo(json_format.dumps(_figures(out, exported)) if json else _words(out, exported))
+    if json:
+        typer.echo(json_format.dumps(_figures(out, exported)))
+        return
+    typer.echo(_words(out, exported))
+    say_next(then="docs/deployment.md has ten lines that run it without lndrl")
 
 
 def _check(out: Path) -> None:

@@ -1,7 +1,6 @@
 """The command ``lndrl``: one small file per subcommand, imported when it is called.
 
-Exit codes: 0 done, 1 the work failed, 2 the input must be mended (one sentence on stderr),
-130 interrupted by Ctrl-C, 143 asked to end by SIGTERM, 129 by SIGHUP: the terminal was closed.
+``lndrl.cli.help`` has the exit codes and the examples at the end of each help page.
 """
 
 from __future__ import annotations
@@ -21,6 +20,8 @@ from typer.main import get_command
 
 from lndrl.caches import NOWHERE
 from lndrl.cli.again import remember
+from lndrl.cli.help import with_examples
+from lndrl.cli.help.examples import epilog
 from lndrl.errors import UserError
 from lndrl.machine.cores import limit_threads
 from lndrl.machine.signals import stop_handler
@@ -121,7 +122,7 @@ def load_command(name: str) -> Any:
         app.command(name)(found)
         command = get_command(app)
     command.name = name
-    return command
+    return with_examples(command, name)
 
 
 class LazyCommands(TyperGroup):
@@ -148,7 +149,10 @@ def _show_version(wanted: bool) -> None:
 app = typer.Typer(name="lndrl", cls=LazyCommands)
 
 
-@app.callback(help="Train robots that walk through crowds and keep knowing where they are.")
+@app.callback(
+    help="Train robots that walk through crowds and keep knowing where they are.",
+    epilog=epilog(""),
+)
 def _options(
     version: bool = typer.Option(
         False, "--version", callback=_show_version, is_eager=True, help="Say the version and leave."

@@ -6,6 +6,7 @@ import difflib
 import types
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import yaml
@@ -129,6 +130,7 @@ def _default(field: FieldInfo, holds_keys: bool) -> str:
     if holds_keys and isinstance(value, Model):
         return "its keys' own"
     plain = list(value) if isinstance(value, tuple) else value
+    plain = str(plain) if isinstance(plain, PurePath) else plain
     return yaml.safe_dump(plain, default_flow_style=True, width=10**6).split("\n...")[0].strip()
 
 

@@ -43,10 +43,7 @@ def behaviour(
     trust_modules: TrustModules = None,
     json: Annotated[bool, typer.Option("--json", help="Numbers and maps as JSON.")] = False,
 ) -> None:
-    """Draw where A turns more, waits more and goes other ways than B in the same episodes.
-
-    Example: lndrl figures behaviour runs/table-lndrl dwa --scenario hall --episodes 200
-    """
+    """Draw where A turns more, waits more and goes other ways than B in the same episodes."""
     if out is not None:
         check_picture(out)
     if not _CELLS[0] <= cell <= _CELLS[1]:

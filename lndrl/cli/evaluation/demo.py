@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.options import ScenarioName, ShieldOption, check_picture, shield_config
 from lndrl.cli.signals import telling
 from lndrl.errors import UserError
@@ -70,6 +71,7 @@ def demo(
         with _told(console) as show:
             record = _walk(scenario, seed, shield, show)
     typer.echo(_how_it_went(record, out))
+    say_next("lndrl", "train", "--run", "first", then="one of your own")
 
 
 @contextmanager

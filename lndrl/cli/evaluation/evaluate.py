@@ -13,6 +13,7 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.driving import arrivals_bar, check_episodes
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import (
     BenchName,
@@ -134,6 +135,7 @@ def evaluate(
     print_tables(*(result_table(result) for result in results))
     if len(results) > 1:
         print_tables(comparison_table(results))
+    _say_what_next(planners[0], scenario, results)
 
 
 def _bench(spec: str | None) -> BenchmarkSpec:
@@ -201,6 +203,15 @@ class _Evaluation:
             return run_evaluation(
                 self.source, self.config, self.episodes, seed, workers, greedy, note
             )
+
+
+def _say_what_next(planner: str, scenario: str | None, results: list[EvaluationResult]) -> None:
+    """Why it gets lost, where one does; else what an episode of the first looks like."""
+    named = (planner, "--scenario", scenario) if scenario else (planner,)
+    if len(results) == 1 and any(record.outcome == "lost" for record in results[0].records):
+        say_next("lndrl", "lost", *named, then="why it gets lost")
+    else:
+        say_next("lndrl", "play", *named, "--out", "walk.gif", then="an episode as a film")
 
 
 def _show_unfinished(work: _Evaluation, done: list[EvaluationResult], file: TextIO) -> None:

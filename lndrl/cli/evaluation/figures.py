@@ -12,6 +12,7 @@ import typer
 from lndrl.cli.again import same_command
 from lndrl.cli.evaluation.behaviour import behaviour
 from lndrl.cli.evaluation.bench.benchmark import RESULTS
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, check_picture, names_in, trust
 from lndrl.cli.signals import telling
@@ -173,6 +174,7 @@ def worst(
         drive = panel.drive
         typer.echo(f"{drive.scenario}, episode {drive.episode}: {drive.reason}{again}")
     typer.echo(str(file))
+    say_next("lndrl", "lost", contender.name, then="why it gets lost")
 
 
 def _redrive(

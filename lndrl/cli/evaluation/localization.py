@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import arguments_given, same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.signals import telling
@@ -89,6 +90,8 @@ def localization(
     from lndrl.cli.tables import print_tables
 
     print_tables(*report_tables(report))
+    place = plan.scenarios[0].name
+    say_next("lndrl", "lost", "dwa", "--scenario", place, then="what a planner makes of it")
 
 
 def _plan(scenarios: str, seeds: int, pedestrians: str, settings: str, updates: int) -> Plan:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lndrl.cli.again import same_command
+from lndrl.cli.again import arguments_given, same_command
 from lndrl.cli.completion import complete_scenario
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
     BenchName,
@@ -101,6 +102,11 @@ def lost(
     print_tables(*lost_tables(report))
     for line in summary_lines(report):
         typer.echo(line)
+    place = configs[0].scenario.name
+    if out is None:
+        say_next("lndrl", *arguments_given(), "--out", "lost.png", then="where, as a picture")
+    else:
+        say_next("lndrl", "localization", "--scenarios", place, then="the filter alone")
 
 
 def _world(

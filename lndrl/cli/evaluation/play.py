@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_notes, say_origins
 from lndrl.cli.options import (
     GuardOption,
@@ -106,6 +107,13 @@ def play(
         f"{out}: {record.outcome} after {record.time:.1f} s and {record.distance:.1f} m, "
         f"position error {record.position_error:.2f} m, return {record.episode_return:.0f}"
     )
+    named = (planner, "--scenario", scenario) if scenario else (planner,)
+    if animated:
+        say_next("lndrl", "evaluate", *named, "--episodes", 200, then="how it does on average")
+    else:
+        film = out.with_suffix(".gif")
+        numbered = ("--seed", seed, "--episode", episode)
+        say_next("lndrl", "play", *named, *numbered, "--out", film, then="all of it")
 
 
 def _draw(snapshots: list[WorldSnapshot], out: Path, animated: bool) -> None:

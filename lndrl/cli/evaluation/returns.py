@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lndrl.cli.again import same_command
+from lndrl.cli.again import arguments_given, same_command
 from lndrl.cli.completion import complete_configuration, complete_scenario
 from lndrl.cli.evaluation.driving import arrivals_bar, check_episodes
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import (
     PlannerSettings,
@@ -97,8 +98,7 @@ def returns(
     would be paid: scaled and limited as configured, own reward terms included.
     A timeout is an end here; a learner adds the value of what would follow.
 
-    Example: lndrl returns predictive careful --set task.reward.lost=-2000
-    ppo.reward_limit=25 (without which the limit would cut that to 5)
+    A larger reward wants a larger ppo.reward_limit, which else cuts it.
     """
     check_episodes(episodes, seed, workers)
     discounts = _discounts(discount)
@@ -120,6 +120,8 @@ def returns(
     from lndrl.cli.tables import print_tables
 
     print_tables(*returns_tables(report, parts))
+    if not parts:
+        say_next("lndrl", *arguments_given(), "--parts", then="what each part of the reward pays")
 
 
 def _discounts(given: list[float] | None) -> tuple[float, ...]:

@@ -10,6 +10,7 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_scenario
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_notes
 from lndrl.cli.options import TrustModules, check_picture, trust
 from lndrl.cli.signals import telling
@@ -75,6 +76,7 @@ def _all(draw: Path | None, layout: int, json: bool, localizability: bool) -> No
         typer.echo(json_format.dumps([_summary(scenario) for scenario in known], indent=2))
     elif draw is None:
         print_tables(_table(known))
+        say_next("lndrl", "scenarios", "hall", "--out", "hall.png", then="a picture of one")
     if draw is None:
         return
     draw.mkdir(parents=True, exist_ok=True)
@@ -105,6 +107,7 @@ def _one(name: str, out: Path | None, layout: int, json: bool, localizability: b
             f"{counted(len(place.scenario.pedestrians.routes), 'route')} of pedestrians; "
             "--out FILE.png draws them, --json lists them"
         )
+        say_next("lndrl", "evaluate", "straight", "--scenario", name, "--episodes", 40)
     say_notes(place.notes)
     if out is not None:
         _draw(place, out, scenario, json, field)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -84,3 +85,4 @@ def _explain(folder: Path, ends: dict[str, datetime]) -> None:
         names = ", ".join(host_names(load_certificate(folder / "learner.pem")))
         typer.echo(f"The learner is known as {names}; endpoints must use one of these.")
     typer.echo("ca.key stays here: who has it can make certificates that everybody believes.")
+    say_next("lndrl", "learner", "--listen", "tls/0.0.0.0:7447", "--certs", folder)

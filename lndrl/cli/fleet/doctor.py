@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -78,6 +79,10 @@ def doctor(
         typer.echo(json_format.dumps({"ok": right, "checks": rows}, indent=2))
     else:
         _show(checks)
+        if right:
+            service = role if role in ("actor", "evaluator") else "dashboard"
+            own = () if certs is None else ("--certs", certs)
+            say_next("lndrl", service, "--connect", connect, *own)
     if not right:
         raise typer.Exit(1)
 

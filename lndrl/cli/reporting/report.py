@@ -77,8 +77,6 @@ def report(
     """Write one page about a run or about results, for any browser.
 
     One file that asks the network for nothing: it can be sent, kept and printed.
-
-    Examples: lndrl report runs/first; lndrl report docs/results/v2 --out results.html
     """
     is_run = _is_run(subject)
     if is_run:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.errors import UserError
 from lndrl.wording import counted
 
@@ -24,10 +25,7 @@ def curves(
         ),
     ] = None,
 ) -> None:
-    """Draw learning curves of one run, or several in one picture, and write them as a table.
-
-    Example: lndrl curves runs/a runs/b --out both
-    """
+    """Draw learning curves of one run, or several in one picture, and write them as a table."""
     chosen = list(dict.fromkeys(runs))
     for run in chosen:
         if not run.is_dir():
@@ -44,6 +42,10 @@ def curves(
     except OSError as error:
         raise UserError(f"--out {stem}: cannot be written ({error.strerror})") from None
     typer.echo(f"{picture} and {table}: {told}")
+    if len(chosen) == 2:
+        say_next("lndrl", "runs", "compare", *chosen, then="in what they differ")
+    else:
+        say_next("lndrl", "report", chosen[0], then="all of it as one page")
 
 
 def _one(run: Path, picture: Path, table: Path, stem: Path) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.cli.runs import RUNS
 from lndrl.errors import UserError
 from lndrl.wording import counted
@@ -40,10 +41,7 @@ def _complete_folder(incomplete: str) -> list[str]:
 
 @runs.callback(invoke_without_command=True)
 def list_runs(context: typer.Context, json: Json = False) -> None:
-    """List the runs of this folder, the one that wrote last first, and how each goes on.
-
-    Examples: lndrl runs; lndrl runs compare runs/a runs/b; lndrl runs rm a
-    """
+    """List the runs of this folder, the one that wrote last first, and how each goes on."""
     if context.invoked_subcommand is not None:
         return
     from learner.run.overview import overviews
@@ -76,8 +74,6 @@ def compare(
     """Say in what two runs differ: their configurations, and how far each came.
 
     Training's figures are of the step that both have reached, over the newest episodes of each.
-
-    Example: lndrl runs compare runs/a runs/b
     """
     from learner.run.overview import overview, row_at
     from lndrl.config import differences, load_config
@@ -102,7 +98,7 @@ def compare(
     print_tables(_compared(both, step, episodes), *([_differences(both, differ)] if differ else []))
     if not differ:
         typer.echo("their configurations say the same")
-    typer.echo(f"next: lndrl curves {first} {second} --out curves")
+    say_next("lndrl", "curves", first, second, "--out", "curves")
 
 
 @runs.command("rm")
@@ -113,10 +109,7 @@ def remove(
     ],
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
-    """Remove runs with all that they hold; asks first, and never removes one that is training.
-
-    Example: lndrl runs rm first
-    """
+    """Remove runs with all that they hold; asks first, and never removes one that is training."""
     from learner.run.overview import TRAINING, overview
 
     chosen = []
@@ -140,6 +133,7 @@ def remove(
         except OSError as error:
             raise UserError(f"{run.folder}: cannot be removed ({error.strerror})") from None
     typer.echo(f"removed {held}, {size}")
+    say_next("lndrl", "runs", then="what is left")
 
 
 def _table(found: Sequence[Overview]) -> Table:

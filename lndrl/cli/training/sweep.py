@@ -10,6 +10,7 @@ import typer
 
 from lndrl.cli.again import same_command
 from lndrl.cli.completion import complete_sweep
+from lndrl.cli.help import say_next
 from lndrl.cli.options import TrustModules, trust
 from lndrl.cli.runs import RUNS
 from lndrl.errors import UserError
@@ -121,3 +122,6 @@ def _show(figures: SweepFigures, json: bool, markdown: Path | None, plot: Path |
     print_tables(*sweep_tables(figures))
     for line in legend(figures):
         typer.echo(line)
+    if plot is None:
+        name = figures.sweep.name
+        say_next("lndrl", "sweep", name, "--table", "--plot", f"sweep-{name}.png")

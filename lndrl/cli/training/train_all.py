@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.options import (
     BenchName,
     LearnerDevice,
@@ -110,7 +111,9 @@ def _work(folder: MethodsFolder, options: list[str]) -> int:
     for run in folder.runs:
         goal = run.config.learner.total_steps
         typer.echo(method_line(run.name, goal, folder.newest(run), bool(folder.early(run))))
-    if not done:
+    if done:
+        say_next("lndrl", "benchmark", then="the table")
+    else:
         say(f"the same command goes on where this one stopped: {same_command()}")
     return stop.exit_code
 

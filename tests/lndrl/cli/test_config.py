@@ -78,7 +78,7 @@ def test_a_key_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
         "    whole number, at least 1; default 4",
     ]
     assert "lndrl 2" in shown and "paper 10" in shown
-    assert shown.splitlines()[-1].startswith("GROUP: ")
+    assert shown.splitlines()[-2].startswith("GROUP: ")
 
 
 def test_a_section_is_explained_with_all_that_it_holds(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from lndrl.cli.evaluation.driving import drive_plans
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, names_in, trust
 from lndrl.errors import UserError
@@ -189,3 +190,4 @@ def _show(
     tested = ", ".join(scenarios or list(identity.scenarios))
     title = f"{tested}; seed {identity.seed}; version {identity.bench_version} of the bench"
     print_tables(benchmark_table(rows, title))
+    say_next("lndrl", "results", "--from", folder.path, then="beside the paper, compared in pairs")

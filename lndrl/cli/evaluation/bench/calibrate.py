@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lndrl.cli.again import arguments_given
 from lndrl.cli.evaluation.bench.benchmark import RESULTS
 from lndrl.cli.evaluation.driving import drive_plans
+from lndrl.cli.help import say_next
 from lndrl.cli.options import TrustModules, trust
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
@@ -96,6 +98,8 @@ def calibrate(
 
     print_tables(calibration_table(rows, f"{', '.join(spec.scenarios)}; seed {spec.seed}"))
     typer.echo("* off target")
+    if not by_scenario:
+        say_next("lndrl", *arguments_given(), "--by-scenario", then="place by place")
 
 
 def _run(spec: CalibrationSpec, names: list[str], place: Path, episodes: int, workers: int) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from lndrl.cli.evaluation.bench.benchmark import NAME, RESULTS, results_there
+from lndrl.cli.help import say_next
 from lndrl.cli.options import BenchName, names_in
 
 
@@ -48,7 +49,7 @@ def results(
 ) -> None:
     """Show results of the bench beside the paper, paired comparisons and the goals.
 
-    Runs nothing. Example: lndrl results --reference careful --markdown page.md
+    Runs nothing.
     """
     from lndrl.config import DEFAULTS, find
     from lndrl.evaluation.benchmark import ResultsFolder, load_benchmark
@@ -75,3 +76,4 @@ def results(
     print_tables(*results_tables(found))
     for note in found.notes():
         typer.echo(note)
+    say_next("lndrl", "report", folder.path, then="the same as a page")

@@ -38,7 +38,7 @@ def test_one_run_is_drawn_and_told_as_ever(capsys: pytest.CaptureFixture[str]) -
     assert lndrl(["curves", "runs/a"]) == 0
     assert capsys.readouterr().out == (
         "runs/a/curves.png and runs/a/curves.csv: 12 updates, 1 validated version in "
-        "curves-validated.csv\n"
+        "curves-validated.csv\nnext: lndrl report runs/a  # all of it as one page\n"
     )
     rows, curve = read_metrics("runs/a/metrics.jsonl"), read_curve(Path("runs/a/metrics.jsonl"))
     save_curves(rows, "own.png", "a: 1,200 steps", validated=curve)
@@ -48,12 +48,13 @@ def test_one_run_is_drawn_and_told_as_ever(capsys: pytest.CaptureFixture[str]) -
         drawn = Path(f"runs/a/curves{ending}").read_bytes()
         assert drawn == Path(f"own{ending}").read_bytes(), ending
     assert lndrl(["curves", "runs/b", "--out", "b"]) == 0
-    assert capsys.readouterr().out == "b.png and b.csv: 7 updates\n"
+    assert capsys.readouterr().out.startswith("b.png and b.csv: 7 updates\nnext: ")
 
 
 def test_several_runs_are_one_picture_and_one_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert lndrl(["curves", "runs/a", "runs/b", "runs/a", "--out", "both"]) == 0
     told = "both.png and both.csv: 2 runs, 19 updates, 1 validated version\n"
+    told += "next: lndrl runs compare runs/a runs/b  # in what they differ\n"
     assert capsys.readouterr().out == told
     assert sorted(path.name for path in Path().iterdir()) == [
         "both.csv",

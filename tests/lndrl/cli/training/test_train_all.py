@@ -57,6 +57,7 @@ def test_two_methods_are_trained_once(
     assert [line.partition(",")[0] for line in out.splitlines()] == [
         "one: 256 of 256 steps",
         "two: 256 of 256 steps",
+        "next: lndrl benchmark  # the table",
     ]
     assert err.count("done at step 256") == 2
     assert "variances: false" in Path("runs/two/config.yaml").read_text()

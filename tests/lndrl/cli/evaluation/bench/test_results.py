@@ -113,7 +113,7 @@ def test_tables_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     for words in ("0.500", "published", "50.0 / 25.0 / 25.0 / 0.0", "4 : 0", "not there yet"):
         assert words in out
-    assert out.splitlines()[-1].startswith("Of 8 episodes drl_laser has 2")
+    assert out.splitlines()[-2].startswith("Of 8 episodes drl_laser has 2")
 
 
 def test_a_document_is_written_between_its_marks(capsys: pytest.CaptureFixture[str]) -> None:

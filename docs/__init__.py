@@ -1,0 +1,1 @@
+"""The pages; ``docs.site`` makes a site of them."""
