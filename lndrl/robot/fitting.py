@@ -66,12 +66,9 @@ def guarded_base(robot: RobotShape | None, radius: float) -> Base:
     return Base(radius, (math.inf, unknown.acceleration.limits[1], math.inf), unknown.timeout)
 
 
-def guard_words(parameters: GuardConfig, base: Base, known: bool) -> str:
+def guard_words(parameters: GuardConfig, base: Base) -> str:
     """What the guard takes for granted, in a line."""
-    p, braking = parameters, base.limits[1]
+    braking = base.limits[1]
     brakes = f"brakes by {braking:g} m/s²" if math.isfinite(braking) else "stops at once"
-    said = (
-        f"people walk up to {p.people_speed:g} m/s, the robot {brakes} and obeys within "
-        f"{p.delay:g} s"
-    )
-    return said if known else f"{said} (nobody said which robot it is: --robot)"
+    speed, delay = parameters.people_speed, parameters.delay
+    return f"people walk up to {speed:g} m/s, it {brakes} and obeys within {delay:g} s"

@@ -197,10 +197,15 @@ def _conditions(
 
 
 def _line(record: DrivenEpisode) -> str:
+    how = "walked into where it stood," if _walked_into(record) else record.outcome
     return (
-        f"episode {record.episode}: {record.outcome} after {record.time:.1f} s and "
+        f"episode {record.episode}: {how} after {record.time:.1f} s and "
         f"{record.distance:.1f} m, position error {record.position_error:.2f} m"
     )
+
+
+def _walked_into(record: DrivenEpisode) -> bool:
+    return record.outcome == "collided" and record.stood
 
 
 def _summary(records: list[DrivenEpisode]) -> str:
@@ -210,4 +215,5 @@ def _summary(records: list[DrivenEpisode]) -> str:
         for each in ("arrived", "collided", "lost", "timeout")
     }
     said = ", ".join(f"{number} {outcome}" for outcome, number in ends.items() if number)
-    return f"{count} episodes: {said}"
+    into = sum(map(_walked_into, records))
+    return f"{count} episodes: {said}" + (f"; {into} walked into where it stood" if into else "")

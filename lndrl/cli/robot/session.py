@@ -59,7 +59,7 @@ class DriveSession:
         ``named`` is ``--robot``; ``asked`` are the limits that were given beside it.
         """
         from lndrl.navigation import action_table
-        from lndrl.robot.fitting import guard_words, guarded_base
+        from lndrl.robot.fitting import UNKNOWN, guard_words, guarded_base
         from lndrl.robot.shapes import differences
 
         options, shape = self._options, self._options.robot
@@ -74,8 +74,9 @@ class DriveSession:
             say("guard: off; nothing but the policy keeps the robot from people and walls")
             return
         radius = float(self._config.world.robot_radius) if shape is None else shape.reach
-        words = guard_words(options.guard, guarded_base(shape, radius), shape is not None)
-        say(f"guard: on; {words}")
+        if shape is None:
+            say(f"note: nobody says which robot it is (--robot); the guard takes the {UNKNOWN} one")
+        say(f"guard: on; {guard_words(options.guard, guarded_base(shape, radius))}")
 
     def run(self, plain: bool, json: bool) -> None:
         """Drive, and say what it came to. Raises typer.Exit where a signal has ended it."""

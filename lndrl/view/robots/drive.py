@@ -86,13 +86,13 @@ def _health(view: DriveView, latency: float | None) -> Text:
     if health is not None:
         said.append(f"map explains {100 * health.agreement:.0f} %")
         said.append(f"{100 * health.effective_share:.0f} % matter")
-        said.append(f"second place {100 * health.second_cluster:.0f} %")
+        said.append(f"2nd place {100 * health.second_cluster:.0f} %")
         said.append(f"{health.echoes} echoes")
     if view.unseen > _UNSEEN:
         said.append(f"blind in {100 * view.unseen:.0f} % of its view")
     if latency is not None:
         said.append(f"answers in {1000 * latency:.1f} ms")
-    return styled("   ".join(said), QUIET)
+    return styled("  ".join(said), QUIET)
 
 
 def _where(view: DriveView) -> str:

@@ -150,11 +150,13 @@ def test_a_robots_file_says_topics_limits_and_bounds() -> None:
 def test_of_a_robot_that_nobody_named_the_worst_is_taken() -> None:
     base = guarded_base(None, 0.17)
     assert base.limits == (math.inf, 1.0, math.inf) and base.timeout == 0.5
-    assert "nobody said which robot it is" in guard_words(GuardConfig(), base, known=False)
+    assert guard_words(
+        GuardConfig(), guarded_base(load_shape("turtlebot3-burger"), 0.1)
+    ).startswith("people walk up to 0.5 m/s, it brakes by 2.5 m/s²")
     known = guarded_base(load_shape("turtlebot2"), 0.18)
     assert known.limits == (1.0, 1.0, 2.0) and known.timeout == 0.6
-    assert guard_words(GuardConfig(delay=0.15), known, known=True) == (
-        "people walk up to 0.5 m/s, the robot brakes by 1 m/s² and obeys within 0.15 s"
+    assert guard_words(GuardConfig(delay=0.15), known) == (
+        "people walk up to 0.5 m/s, it brakes by 1 m/s² and obeys within 0.15 s"
     )
 
 

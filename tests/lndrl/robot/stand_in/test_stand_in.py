@@ -176,4 +176,7 @@ def test_episodes_end_by_the_rules_of_evaluate() -> None:
     assert judge.verdict(told(body.start, 11), False) == "timeout"
     assert Judge(body, 0, limited=False).verdict(None, False) is None
     record = judge.record("arrived")
+    assert record.stood
+    body.tick(0.3, 0.0)
+    assert not judge.record("collided").stood
     assert record.steps == body.steps_limit and record.to_dict()["outcome"] == "arrived"

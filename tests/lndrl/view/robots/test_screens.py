@@ -67,7 +67,7 @@ def test_it_shows_what_stops_it() -> None:
 def test_it_shows_the_guard_and_how_well_the_belief_stands(rig: Rig) -> None:
     text = "\n".join(printed(rig, 110, 40, colours=False))
     assert "no guard" in text
-    assert "map explains" in text and "second place" in text and "echoes" in text
+    assert "map explains" in text and "2nd place" in text and "echoes" in text
     guarded = Rig(DriveOptions(guard=GuardConfig())).begin().tick(14)
     guarded.tick(12, somebody(0.6))
     text = "\n".join(printed(guarded, 110, 40, colours=False))
