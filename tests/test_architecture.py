@@ -73,7 +73,9 @@ INNER_FLOORS = {
     "lndrl.robot.bags": 4,
     "lndrl.view": 0,
     "lndrl.view.dashboard": 1,
+    "lndrl.view.dashboard.worlds": 1,
     "lndrl.view.pictures": 1,
+    "lndrl.view.playing": 2,
     "lndrl.view.robots": 2,
     "lndrl.view.report": 2,
     "lndrl.cli": 0,
@@ -123,6 +125,8 @@ LIBRARIES = {
     "asyncssh": {"lndrl.placement", "lndrl.cli"},
     "submitit": {"lndrl.placement", "lndrl.cli"},
     "jinja2": {"lndrl.view"},
+    "rerun": {"lndrl.view"},
+    "imageio_ffmpeg": {"lndrl.view"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450
