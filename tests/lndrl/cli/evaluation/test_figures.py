@@ -73,7 +73,8 @@ def test_the_worst_of_a_result_and_one_that_is_driven_otherwise(
     command = ["figures", "worst", "--method", "random", "--count", "2"]
     capsys.readouterr()
     assert lndrl(command) == 0
-    *told, file = capsys.readouterr().out.splitlines()
+    *told, file, following = capsys.readouterr().out.splitlines()
+    assert following == "next: lndrl lost random  # why it gets lost"
     assert file == "results/benchmark/worst-random.png"
     assert (room / file).stat().st_size > 5_000
     assert len(told) == 2
