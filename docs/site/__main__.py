@@ -5,7 +5,6 @@ Nothing is asked of a network, neither here nor by the pages.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -50,11 +49,13 @@ def build(folder: Path) -> int:
     """
     prepare(folder)
     command = [sys.executable, "-m", "zensical", "build", "--strict", "--clean"]
-    told = {**os.environ, "NO_COLOR": "1"}
-    code = subprocess.run(command, cwd=folder, env=told, check=False).returncode
-    if code == 0:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    # Coloured letter by letter, and it ends with a traceback where it was strict.
+    said, _, _ = (done.stdout + done.stderr).partition("Traceback (most recent call last)")
+    print(re.sub(r"\x1b\[[\d;]*m", "", said).strip())
+    if done.returncode == 0:
         keep_local(folder / "site")
-    return code
+    return done.returncode
 
 
 def keep_local(site: Path) -> None:

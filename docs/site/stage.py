@@ -26,7 +26,7 @@ _SHELL = re.compile(
     r"(?:# |\$ |[A-Z_]+=\S+ )*(?:\S*/)?"
     r"(lndrl|make|pip|uv|python3?|sbatch|kubectl|docker|podman|curl|scp|ssh|sky|tar|cd|git|ros2)\b"
 )
-_LINK = re.compile(r"(\]\()([^)\s]+)(\))")
+_LINK = re.compile(r"(\[[^\[\]]*\]\()([^)\s]+)(\))")
 _ITEM = re.compile(r"([-*] |\d{1,2}\. )")
 _FENCE = re.compile(r"\s*(```|~~~)")
 
@@ -84,7 +84,7 @@ def _relink(name: str, place: str, text: str, places: dict[str, str]) -> tuple[s
         if not (ROOT / meant).exists():
             raise ValueError(f"{name}: links to {link}, and {meant} does not exist")
         if (ROOT / meant).is_dir():  # which a site has no page for
-            return f"{match[1]}{_to(place, _index_of(meant, places))}{match[3]}"
+            return match[1].removeprefix("[").removesuffix("](")
         if meant not in places:
             files.add(meant)
         to = _to(place, places.get(meant) or _asset(meant))
@@ -95,11 +95,6 @@ def _relink(name: str, place: str, text: str, places: dict[str, str]) -> tuple[s
         fenced ^= _FENCE.match(line) is not None
         lines.append(line if fenced else _LINK.sub(follow, line))
     return "\n".join(lines) + "\n", files
-
-
-def _index_of(folder: str, places: dict[str, str]) -> str:
-    """The page that says most about what is in ``folder``."""
-    return places.get(f"{folder}/README.md") or "architecture.md"
 
 
 def _asset(name: str) -> str:

@@ -6,23 +6,18 @@ import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from lndrl.config import shipped
 from tests.docs.pages import ROOT
 
 RUNS = ("first", "second", "a", "b", "mine", "example")
 """Runs of the pages that a moment's training stands for."""
 FOLLOWED = ("docs/tutorial.md",)
 """Pages that are followed from the first command to the last, with fewer steps and episodes."""
-_ALONE = ("version", "config", "scenarios", "certs", "results", "runs", "curves")
+_ALONE = ("version", "config", "scenarios", "certs", "runs", "curves")
 
 
 def as_it_stands(words: Sequence[str]) -> bool:
     """Whether a command costs about a second at most and all that it names is there."""
     name, *rest = words
-    if name == "benchmark" and "--table" in rest:
-        return "--from" not in rest and "--pack" not in rest
-    if name == "sweep" and "--table" in rest:
-        return rest[0] in shipped("sweep") and "--plot" not in rest  # there is nothing to draw yet
     if name not in _ALONE or any(word in rest for word in ("--localizability", "--draw")):
         return False
     if name == "certs" and "--renew" in rest:  # of what there is already

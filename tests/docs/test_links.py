@@ -95,6 +95,18 @@ def test_a_link_to_nothing_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path:
         stage(tmp_path / "site")
 
 
+def test_a_folder_is_no_page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "docs/results").mkdir(parents=True)
+    (tmp_path / "docs/a.md").write_text("see [all of it](results), ![a](a.png)\n")
+    (tmp_path / "docs/a.png").write_bytes(b"")
+    monkeypatch.setattr("docs.site.stage.ROOT", tmp_path)
+    monkeypatch.setattr("docs.site.stage.PROJECT", {})
+    monkeypatch.setattr("docs.site.stage._citation", str)
+    stage(tmp_path / "site")
+    assert (tmp_path / "site/a.md").read_text() == "see all of it, ![a](a.png)\n"
+    assert (tmp_path / "site/a.png").exists()
+
+
 def test_lists_and_blocks_become_the_builders_dialect() -> None:
     text = (
         "1. one\n   more\n\n   | a |\n   |---|\n\n2. two\n\nThen\n\n"

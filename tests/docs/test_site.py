@@ -90,7 +90,7 @@ def test_links_and_anchors_that_lead_nowhere_end_the_build(tmp_path: Path) -> No
     )
     done = made(tmp_path, strictly=True)
     assert done.returncode != 0
-    said = done.stdout + done.stderr
+    said = re.sub(r"\x1b\[[\d;]*m", "", done.stdout + done.stderr)
     assert "2 issues found" in said and "there" in said and "other.md" in said
 
 

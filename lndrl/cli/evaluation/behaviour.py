@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, check_picture, trust
 from lndrl.cli.signals import say, telling
@@ -66,6 +67,8 @@ def behaviour(
         return
     _print(report)
     typer.echo(str(file))
+    both = ("--methods", f"{first},{second}", "--scenario", scenario)
+    say_next("lndrl", "figures", "trajectories", *both, then="an episode of both")
 
 
 def _drives(first: str, second: str, scenario: str, spec: str | None) -> list[Drives]:

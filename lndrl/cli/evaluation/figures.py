@@ -64,7 +64,8 @@ def trajectories(
 
     bench = _bench(spec)
     places = choose(bench.scenarios, names_in(scenario), "scenario")
-    found = contenders_named(bench, names_in(methods) or choose(list(bench.methods), [], "method"))
+    asked = names_in(methods) or choose(list(bench.methods), [], "method")
+    found = contenders_named(bench, asked)
     say_origins(contender.source for contender in found)
     drives = []
     with _progress(len(places) * len(found), "trajectories") as advance:
@@ -82,6 +83,8 @@ def trajectories(
     for drive in drives:
         typer.echo(f"{drive.method} on {drive.scenario}, episode {episode}: {drive.reason}")
     typer.echo(str(file))
+    if len(asked) > 1:
+        say_next("lndrl", "figures", "behaviour", *asked[:2], "--scenario", places[0])
 
 
 @figures.command("activations")
@@ -128,6 +131,8 @@ def activations(
     _save(file, lambda: save_activations(shown, file, title))
     typer.echo(f"{title}: step {moment.step} of {len(moment.drive.time) - 1}")
     typer.echo(str(file))
+    one = ("--methods", method, "--scenario", scenario, "--episode", episode)
+    say_next("lndrl", "figures", "trajectories", *one, then="all of that episode")
 
 
 @figures.command("worst")
@@ -174,7 +179,7 @@ def worst(
         drive = panel.drive
         typer.echo(f"{drive.scenario}, episode {drive.episode}: {drive.reason}{again}")
     typer.echo(str(file))
-    say_next("lndrl", "lost", contender.name, then="why it gets lost")
+    say_next("lndrl", "lost", method, then="why it gets lost")
 
 
 def _redrive(

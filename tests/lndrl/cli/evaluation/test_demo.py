@@ -41,7 +41,8 @@ def test_without_a_terminal_it_tells_the_walk_in_lines(room: str, capsys) -> Non
     capsys.readouterr()
     assert run(["demo", "--scenario", room]) == 0
     out, err = capsys.readouterr()
-    *lines, end = out.splitlines()
+    *lines, end, following = out.splitlines()
+    assert following.startswith("next: lndrl train")
     assert re.match(
         r"  0\.0 s, +\d\.\d m to the goal, \d (person|people) within 3 m, belief", lines[0]
     )
