@@ -130,7 +130,7 @@ def play(
         f"position error {record.position_error:.2f} m, return {record.episode_return:.0f}"
     )
     named = (planner, "--scenario", scenario) if scenario else (planner,)
-    if animated:
+    if out is None or out.suffix.lower() != ".png":
         say_next("lndrl", "evaluate", *named, "--episodes", 200, then="how it does on average")
     else:
         film = out.with_suffix(".gif")
