@@ -68,7 +68,7 @@ check: install
 # What editors check the files in configs by; to be renewed when a key comes or changes.
 schemas: install
 	mkdir -p configs/schemas
-	for kind in configuration scenario sweep bench calibration robot; do \
+	for kind in configuration scenario sweep bench calibration robot metrics; do \
 		$(BIN)/lndrl config schema $$kind > configs/schemas/$$kind.json || exit 1; done
 
 format: install

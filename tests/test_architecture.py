@@ -71,7 +71,9 @@ INNER_FLOORS = {
     "lndrl.robot.bags": 4,
     "lndrl.view": 0,
     "lndrl.view.dashboard": 1,
+    "lndrl.view.monitoring": 1,
     "lndrl.view.pictures": 1,
+    "lndrl.view.tracking": 1,
     "lndrl.view.robots": 2,
     "lndrl.view.report": 2,
     "lndrl.cli": 0,
@@ -120,6 +122,9 @@ LIBRARIES = {
     "asyncssh": {"lndrl.placement", "lndrl.cli"},
     "submitit": {"lndrl.placement", "lndrl.cli"},
     "jinja2": {"lndrl.view"},
+    "mlflow": {"lndrl.view"},
+    "wandb": {"lndrl.view"},
+    "prometheus_client": {"lndrl.view", "learner", "lndrl.cli"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450

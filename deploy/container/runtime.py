@@ -2,7 +2,8 @@
 
     python deploy/container/runtime.py requirements.lock
 
-What only tests, types and exports need stays out. A new package is in, unless it is named here.
+What only tests, types, exports and trackers need stays out. A new package is in, unless it is
+named here.
 """
 
 from __future__ import annotations
@@ -19,11 +20,24 @@ DEVELOPMENT = {
     "mcap-ros2-support",
 }
 
+TRACKERS = {
+    *("anyio", "cachetools", "certifi", "charset-normalizer", "click", "cwevals"),
+    *("databricks-sdk", "distro", "fastapi", "gitdb", "GitPython", "google-auth"),
+    *("googleapis-common-protos", "h11", "httpcore", "httpx", "idna", "importlib_metadata"),
+    *("mlflow-skinny", "opentelemetry-api", "opentelemetry-exporter-http-transport"),
+    *("opentelemetry-exporter-otlp-common", "opentelemetry-exporter-otlp-proto-common"),
+    *("opentelemetry-exporter-otlp-proto-http", "opentelemetry-proto", "opentelemetry-sdk"),
+    *("opentelemetry-semantic-conventions", "platformdirs", "pyasn1", "pyasn1_modules"),
+    *("python-dotenv", "requests", "smmap", "sniffio", "sqlparse", "starlette", "urllib3"),
+    *("uvicorn", "wandb", "zipp"),
+}
+"""What lndrl log needs, for Weights & Biases and MLflow: 136 MB."""
+
 
 def runtime(lines: list[str]) -> list[str]:
-    """Those of ``lines`` (NAME==VERSION) that are not of DEVELOPMENT alone."""
+    """Those of ``lines`` (NAME==VERSION) that are not of DEVELOPMENT or TRACKERS alone."""
     pinned = [line for line in lines if line and not line.startswith("#")]
-    return [line for line in pinned if line.partition("==")[0] not in DEVELOPMENT]
+    return [line for line in pinned if line.partition("==")[0] not in DEVELOPMENT | TRACKERS]
 
 
 if __name__ == "__main__":
