@@ -25,7 +25,7 @@ PYTEST ?=
 
 help:
 	@echo "make install   .venv with the exact versions of requirements.lock"
-	@echo "make references   the packages that tests and benchmarks compare with (some GPL)"
+	@echo "make references   what only tests, types and docs need (some GPL)"
 	@echo "make train     train; STEPS=20000 RUN=first ACTORS=2; a run that exists is continued"
 	@echo "make train-all   train every method of the paper's table; STEPS=20000 for short runs"
 	@echo "make test      all tests; PYTEST=\"-k amcl\" for some"
@@ -60,7 +60,7 @@ train-all: install
 test: install references
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(PYTEST)
 
-check: install
+check: install references
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -70,11 +70,11 @@ check: install
 # What editors check the files in configs by; to be renewed when a key comes or changes.
 schemas: install
 	mkdir -p configs/schemas
-	for kind in configuration scenario sweep bench calibration robot; do \
+	for kind in configuration scenario sweep bench calibration robot metrics; do \
 		$(BIN)/lndrl config schema $$kind > configs/schemas/$$kind.json || exit 1; done
 
 # Strictly: a link or anchor that leads nowhere is an error. Nothing is asked of a network.
-docs: install
+docs: install references
 	$(BIN)/python -m docs.site
 
 format: install
@@ -89,5 +89,6 @@ clean:
 lock: install
 	$(BIN)/python -m pip install --quiet --upgrade --upgrade-strategy eager --editable ".[dev]"
 	{ sed -n '/^#/p' requirements.lock; $(BIN)/python -m pip freeze --exclude-editable \
-		| sed 's/+[a-z0-9.]*$$//' | grep -v -i -E '^(nvidia-|cuda-|triton|pip==)'; } > requirements.lock.new
+		| sed 's/+[a-z0-9.]*$$//' | grep -v -i -E '^(nvidia-|cuda-|triton|pip==)' \
+		| grep -v -i -x -F -f tests/references/requirements.lock; } > requirements.lock.new
 	mv requirements.lock.new requirements.lock

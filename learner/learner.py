@@ -40,6 +40,7 @@ from learner.run.orders import Orders
 from learner.run.record import EpisodeWindow, Recorder, RunSummary
 from learner.run.validation import Validation
 from learner.sending import Sender
+from learner.session import Session
 from learner.timing import TimeSplit
 from lndrl.config import RunConfig
 from lndrl.curve import read_curve
@@ -48,7 +49,7 @@ from lndrl.machine.load import Load
 from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
 from lndrl.transport import LearnerEndpoint
-from lndrl.transport.status import LEARNER_ACTIVITIES, MOST_LAG
+from lndrl.transport.status import LEARNER_ACTIVITIES
 
 _MOST_FAILURES = 3  # updates in a row that diverge before the learner gives up
 
@@ -109,7 +110,7 @@ class Learner:
         )
         self.whole = Whole(self.ingest)
         self.episodes = EpisodeWindow(self.counters.episodes, tuple(config.task.reward.terms))
-        self.split = TimeSplit(LEARNER_ACTIVITIES)
+        self.split, self.session = TimeSplit(LEARNER_ACTIVITIES), Session()
         self.figures: dict[str, float] = {}
         self.lag: dict[str, float] = {}
         self.lag_shares: list[float] = []  # of samples, by lag
@@ -306,8 +307,7 @@ class Learner:
         self._failures = 0
         self._learned_in = self.stage.phase
         self.lag = {"mean": float(lag.mean()), "max": int(lag.max())}
-        counts = np.bincount(np.minimum(lag.ravel(), MOST_LAG).astype(np.int64))
-        self.lag_shares = (counts / counts.sum()).tolist()
+        self.lag_shares = self.session.learned(lag)
         self.counters.steps += len(batch)
         self.counters.updates += 1
         self.accounts.train(self.counters.updates, [chunk.id for chunk in chunks])
@@ -351,6 +351,7 @@ class Learner:
     def _record(self, chunks: list[Chunk], seconds: float) -> None:
         for chunk in chunks:
             self.episodes.add(chunk.episodes)
+            self.session.ended(chunk.episodes)
         self.counters.episodes = self.episodes.count
         self.counters.elapsed = self.elapsed
         samples = sum(chunk.samples for chunk in chunks)

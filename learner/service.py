@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event
 
@@ -13,6 +13,7 @@ from learner.ppo.team import Team
 from learner.ranks.crew import Crew
 from learner.run.record import RunSummary, quiet_tensorboard
 from learner.status import StatusThread
+from learner.watchers import Watchers
 from lndrl import kernels
 from lndrl.ahead import compiling_ahead
 from lndrl.config import RunConfig
@@ -33,12 +34,15 @@ def run_learner(
     on_ready: Callable[[Learner], None] = lambda learner: None,
     security: Security | None = None,
     team: Team | None = None,
+    metrics: tuple[str, int] | None = None,
+    trackers: Sequence[str] = (),
 ) -> RunSummary:
     """Serve one training run until it is finished or ``stop`` is set; returns its summary.
 
     ``on_ready`` is called once actors can connect. ``team``: this is its rank 0, and the others
-    follow (``learner.ranks.follower``).
-    The port is taken before the folder is made, so a busy port leaves nothing behind. Raises
+    follow (``learner.ranks.follower``). ``metrics``: address and port for Prometheus;
+    ``trackers``: where figures go beside, see ``Watchers``.
+    Ports are taken before the folder is made, so a busy one leaves nothing behind. Raises
     UserError for whatever the user can mend.
     """
     stop = stop or Event()
@@ -50,13 +54,16 @@ def run_learner(
     lane = "" if team is None else lane_of(team.rank)
     door = open_learner(config.transport, security=security, lane=lane)
     crew, well = None if team is None else Crew(team), False
+    watchers = Watchers(trackers)
     try:
+        watchers.open(metrics)
         learner = Learner(config, path, door, resume, checkpoint, quiet, crew)
         learner.events.add("listen", config.transport.endpoint)
         if team is not None:
             learner.events.add("ranks", f"{team.size}, on {', '.join(dict.fromkeys(team.hosts))}")
         status = StatusThread(learner)
         status.start()
+        watchers.begin(learner, status)
         on_ready(learner)
         try:
             with (
@@ -66,11 +73,13 @@ def run_learner(
                 learner.run(stop)
         finally:
             status.stop()
+            watchers.end()
             learner.close()
         _wait_for_goodbyes(learner)
         well = True
         return learner.summary()
     finally:
+        watchers.close()
         if crew is not None:
             crew.leave(well)
         door.close()

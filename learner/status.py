@@ -10,6 +10,7 @@ from typing import Any
 from learner.learner import Learner
 from lndrl import kernels
 from lndrl.transport.status import balance_word, overhead
+from lndrl.version import VERSION
 
 _SETTLING = 5.0  # s from the first update on, before which shares of time say little
 
@@ -27,6 +28,7 @@ def snapshot(learner: Learner) -> dict[str, Any]:
     return {
         "run_id": learner.folder.run_id,
         "run_name": learner.folder.path.name,
+        "program_version": VERSION,
         "verdict": _verdict(learner, actors),
         "state": "done" if learner.finished else ("training" if counters.updates else "waiting"),
         "phase": stage.phase if config.ppo.teacher is not None else "",
@@ -53,6 +55,8 @@ def snapshot(learner: Learner) -> dict[str, Any]:
         "accounts": whole.accounts(),
         "queue": whole.waiting(),
         "validation": learner.validation.snapshot(),
+        "session": learner.session.figures(),
+        "traffic": whole.traffic(learner.endpoint.traffic.counts()),
         "events": learner.events.recent(),
         "checkpoint": {"path": str(kept[0]), "age": time.monotonic() - kept[1]} if kept else None,
     }
@@ -98,6 +102,7 @@ class StatusThread:
     def __init__(self, learner: Learner, interval: float = 1.0) -> None:
         self._learner = learner
         self._interval = interval
+        self.newest: dict[str, Any] | None = None  # replaced, never changed
         self._stop = Event()
         self._thread = Thread(target=self._run, name="status", daemon=True)
 
@@ -116,4 +121,5 @@ class StatusThread:
             self._publish()
 
     def _publish(self) -> None:
-        self._learner.endpoint.publish_status(snapshot(self._learner), list(self._learner.history))
+        self.newest = now = snapshot(self._learner)
+        self._learner.endpoint.publish_status(now, list(self._learner.history))

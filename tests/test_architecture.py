@@ -76,6 +76,8 @@ INNER_FLOORS = {
     "lndrl.view.dashboard.worlds": 1,
     "lndrl.view.pictures": 1,
     "lndrl.view.playing": 2,
+    "lndrl.view.monitoring": 1,
+    "lndrl.view.tracking": 1,
     "lndrl.view.robots": 2,
     "lndrl.view.report": 2,
     "lndrl.cli": 0,
@@ -127,6 +129,9 @@ LIBRARIES = {
     "jinja2": {"lndrl.view"},
     "rerun": {"lndrl.view"},
     "imageio_ffmpeg": {"lndrl.view"},
+    "mlflow": {"lndrl.view"},
+    "wandb": {"lndrl.view"},
+    "prometheus_client": {"lndrl.view", "learner", "lndrl.cli"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450

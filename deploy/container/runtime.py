@@ -2,8 +2,7 @@
 
     python deploy/container/runtime.py requirements.lock
 
-What only tests, types, exports and the documentation's site need stays out. A new package is in,
-unless it is named here.
+What only tests, types and exports need stays out. A new package is in, unless it is named here.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ DEVELOPMENT = {
     *("onnxscript", "pathspec", "pluggy", "pytest", "pytest-xdist", "ruff", "sortedcontainers"),
     *("tomlkit", "trove-classifiers", "types-PyYAML", "kubernetes-validate", "jsonschema"),
     *("jsonschema-specifications", "referencing", "rpds-py", "attrs", "importlib_resources"),
-    *("mcap-ros2-support", "click", "deepmerge", "pymdown-extensions", "tomli", "zensical"),
+    "mcap-ros2-support",
 }
 
 

@@ -10,6 +10,7 @@ from learner.intake.accounts import joined, summed
 from learner.intake.ingest import Ingest
 from learner.intake.lanes import Lanes
 from lndrl.transport.status import shares_of
+from lndrl.transport.traffic import traffic_of
 
 _DELIVERED = ("last_ack_age", "lag", "steps", "rate", "time_split", "machine")
 """What of an actor's row only the rank knows that takes in its uploads."""
@@ -38,6 +39,10 @@ class Whole:
     def waiting(self) -> dict[str, float]:
         """See ``Ingest.waiting``."""
         return self._sum("waiting", self._ingest.waiting())
+
+    def traffic(self, own: dict[str, float]) -> dict[str, object]:
+        """See ``Traffic.counts``; ``own`` are those of rank 0's endpoint."""
+        return traffic_of(self._sum("traffic", own))
 
     def accounts(self) -> dict[str, Any]:
         """See ``Accounts.totals``."""
@@ -85,8 +90,8 @@ class Whole:
         return total
 
 
-def report(ingest: Ingest) -> dict[str, Any]:
-    """What a rank other than 0 says for the whole, plain data."""
+def report(ingest: Ingest, traffic: dict[str, float]) -> dict[str, Any]:
+    """What a rank other than 0 says for the whole, plain data; ``traffic`` is its endpoint's."""
     roster = ingest.roster
     return {
         "rows": roster.rows(ingest.weights_version),
@@ -97,6 +102,7 @@ def report(ingest: Ingest) -> dict[str, Any]:
         "dropped": ingest.dropped,
         "waiting": ingest.waiting(),
         "accounts": ingest.accounts.totals(),
+        "traffic": traffic,
     }
 
 

@@ -116,7 +116,8 @@ class Follower:
         self._note_version(word["version"])
         mine = ingest.stock(room(self._waiting, self.team.rank, word["batch"]))
         told = {"waiting": mine, "stop": self._stop.is_set(), "events": self._events.taken()}
-        replies = self.team.gather({**told, "report": report(ingest) if word["report"] else None})
+        said = self._report(ingest) if word["report"] else None
+        replies = self.team.gather({**told, "report": said})
         self._waiting = [int(reply["waiting"]) for reply in replies]
 
     def _do_take(self, word: Word) -> None:
@@ -149,7 +150,7 @@ class Follower:
     def _do_shut(self, word: Word) -> None:
         ingest = self._intake()
         ingest.close()
-        self.team.gather({"report": report(ingest)})
+        self.team.gather({"report": self._report(ingest)})
 
     def _do_finish(self, word: Word) -> None:
         self._intake().finish()
@@ -165,6 +166,10 @@ class Follower:
     def _intake(self) -> Ingest:
         assert self.ingest is not None, "rank 0 has not said begin"
         return self.ingest
+
+    def _report(self, ingest: Ingest) -> dict[str, Any]:
+        assert self._endpoint is not None
+        return report(ingest, self._endpoint.traffic.counts())
 
     def _note_version(self, version: int) -> None:
         self._intake().weights_version = version

@@ -16,7 +16,7 @@ from learner.run.lines import LineFile, backwards
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.reward import REWARD_PARTS
-from lndrl.wilson import wilson_interval
+from lndrl.view.run_rows import scalars_of
 from lndrl.wording import counted
 
 _WINDOW = 200  # episodes behind every rate
@@ -181,21 +181,14 @@ def _update_of(line: bytes) -> float:
 
 
 def _add_scalars(board: Any, row: dict[str, Any]) -> None:
-    for group in ("episodes", "reward_parts", "ppo", "lag", "time"):
-        for name, value in row[group].items():
-            if isinstance(value, int | float) and math.isfinite(value):
-                board.add_scalar(f"{group}/{name}", value, row["steps"])
+    for name, value in scalars_of(row).items():
+        board.add_scalar(name, value, row["steps"])
 
 
 def _add_validated(board: Any, row: dict[str, Any]) -> None:
     """Shares of the outcomes and the 95 % interval of arrivals, at the step that was validated."""
-    for kind in ("sampled", "greedy"):
-        counts = row[kind]
-        shares = {name: counts[name] / counts["episodes"] for name in OUTCOMES}
-        bounds = wilson_interval(counts["arrived"], counts["episodes"])
-        shares |= zip(("arrived_low", "arrived_high"), bounds, strict=True)
-        for name, share in shares.items():
-            board.add_scalar(f"validation_{kind}/{name}", share, row["steps"])
+    for name, value in scalars_of({"validation": row}).items():
+        board.add_scalar(name, value, row["steps"])
 
 
 def _finite(value: Any) -> Any:

@@ -15,14 +15,17 @@ from lndrl.cli.help import say_next
 from lndrl.cli.options import Settings
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from lndrl.config import Key, Kind, RunConfig
-    from lndrl.models import Model
 
 config = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     help="Show, compare and explain configurations.",
 )
+METRICS = "metrics"
+"""Beside the kinds of files that come with the program: what a run writes."""
 _LONGEST = 60  # characters of a value that a table holds
 
 
@@ -134,15 +137,22 @@ def diff(
 @config.command("schema")
 def schema(
     kind: Annotated[
-        str, typer.Argument(metavar="[KIND]", help="configuration, scenario, sweep, bench, ...")
+        str,
+        typer.Argument(
+            metavar="[KIND]", help="configuration, scenario, sweep, bench, ..., or metrics"
+        ),
     ] = "configuration",
 ) -> None:
-    """Print the JSON schema of configuration files, which editors complete and check by."""
+    """Print the JSON schema of configuration files, which editors complete and check by.
+
+    metrics: of a line of a run's metrics.jsonl (docs/metrics.md).
+    """
     from lndrl.config.schema import schema_text
     from lndrl.errors import UserError
 
-    if kind not in _kinds():
-        raise UserError(f"kind {kind!r} is unknown; known: {', '.join(_kinds())}")
+    known = (*_kinds(), METRICS)
+    if kind not in known:
+        raise UserError(f"kind {kind!r} is unknown; known: {', '.join(known)}")
     typer.echo(schema_text(_model(kind)), nl=False)
 
 
@@ -152,8 +162,12 @@ def _kinds() -> tuple[Kind, ...]:
     return get_args(Kind)
 
 
-def _model(kind: str) -> type[Model]:
+def _model(kind: str) -> type[BaseModel]:
     """What reads files of ``kind``; the evaluation's are imported when they are asked for."""
+    if kind == METRICS:
+        from lndrl.view.run_rows import MetricsRow
+
+        return MetricsRow
     if kind == "sweep":
         from lndrl.evaluation.sweep.spec import SweepSpec
 

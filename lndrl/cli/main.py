@@ -61,6 +61,7 @@ SUMMARIES = {
     "certs": "Make certificates that let in only whom you give one.",
     "doctor": "Say in words why a connection to a learner does not work.",
     "curves": "Draw learning curves of one run or several and write them as a table.",
+    "log": "Send a run's figures to Weights & Biases or MLflow.",
     "report": "Write one page about a run or about results, for any browser.",
     "chaos": "Let a run suffer faults on purpose and count that nothing is lost.",
     "bench": "Measure how fast the parts are on this machine.",
@@ -68,7 +69,7 @@ SUMMARIES = {
 }
 # Which room of lndrl.cli a command lives in; the others stand at its door.
 ROOMS = {
-    "training": ("train", "train-all", "sweep", "curves", "runs"),
+    "training": ("train", "train-all", "sweep", "curves", "log", "runs"),
     "evaluation": (
         "demo",
         "evaluate",

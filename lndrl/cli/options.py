@@ -100,6 +100,35 @@ Listen = Annotated[
         " Other machines need tls/HOST:PORT and --certs.",
     ),
 ]
+MetricsPort = Annotated[
+    int | None,
+    typer.Option(
+        "--metrics-port",
+        min=1,
+        max=65535,
+        metavar="PORT",
+        help="Serve metrics for Prometheus here, on this machine alone (docs/metrics.md).",
+        show_default=False,
+    ),
+]
+MetricsAddress = Annotated[
+    str | None,
+    typer.Option(
+        "--metrics-address",
+        metavar="ADDRESS",
+        help="With --metrics-port: let other machines read them, e.g. 0.0.0.0 for all.",
+        show_default=False,
+    ),
+]
+LogTo = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--log",
+        metavar="wandb|mlflow",
+        help="Send figures there while the run trains, as lndrl log does; can be repeated.",
+        show_default=False,
+    ),
+]
 TrustModules = Annotated[
     list[str] | None,
     typer.Option(
@@ -161,6 +190,7 @@ ShieldSettings = Annotated[
     ),
 ]
 
+LOOPBACK = "127.0.0.1"
 _SCHEMES = ("tcp", "tls")
 _DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
@@ -204,6 +234,24 @@ def run_overrides(
         # A run that is resumed may have been behind a router before.
         overrides.append("transport.router=false")
     return overrides
+
+
+def metrics_at(port: int | None, address: str | None) -> tuple[str, int] | None:
+    """Address and port for Prometheus; None where nothing is asked for. Raises UserError."""
+    if port is None:
+        if address is not None:
+            raise UserError("--metrics-address goes with --metrics-port")
+        return None
+    return address or LOOPBACK, port
+
+
+def trackers_in(names: list[str] | None) -> tuple[str, ...]:
+    """What ``--log`` names, each once; raises UserError for one that is not here."""
+    if not names:
+        return ()
+    from lndrl.view.tracking.publish import check_tracker
+
+    return tuple(check_tracker(name, "--log") for name in dict.fromkeys(names))
 
 
 def check_checkpoint(checkpoint: str | None, resume: bool) -> None:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import BaseModel
 
 from lndrl.config.localization import PRESETS
 from lndrl.config.run import RunConfig
 from lndrl.config.shipped import REPOSITORY_CONFIGS, Kind
 from lndrl.config.world import ROBOT_PRESETS
-from lndrl.models import Model
 
 SCHEMAS = REPOSITORY_CONFIGS / "schemas"
 
 
-def schema_file(kind: Kind) -> Path:
-    """Where the schema of ``kind`` lies."""
+def schema_file(kind: Kind | Literal["metrics"]) -> Path:
+    """Where the schema of ``kind`` lies; metrics are the lines of a run's ``metrics.jsonl``."""
     return SCHEMAS / f"{kind}.json"
 
 
-def schema_text(model: type[Model]) -> str:
+def schema_text(model: type[BaseModel]) -> str:
     """The schema of a file that ``model`` reads, as the text of ``schema_file``."""
     schema = model.model_json_schema()
     if model is RunConfig:

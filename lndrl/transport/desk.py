@@ -33,6 +33,7 @@ from lndrl.transport.messages import (
     digest,
     encode,
 )
+from lndrl.transport.traffic import Traffic
 from lndrl.version import VERSION
 
 KEPT_VERSIONS = 2
@@ -50,6 +51,7 @@ class LearnerDesk:
         self.handlers: LearnerHandlers | None = None
         self.validation: ValidationHandlers | None = None
         self.operator: operation.OperatorHandlers | None = None
+        self.traffic = Traffic()
         self._lock = threading.Lock()
         self._weights: dict[int, tuple[WeightsAnnouncement, bytes]] = {}
         self._tested: dict[int, tuple[WeightsAnnouncement, bytes]] = {}  # where they are others
@@ -183,12 +185,14 @@ class LearnerDesk:
     def weights(self, version: int | None) -> tuple[WeightsAnnouncement, bytes] | None:
         """The weights of a version (None: the newest), or None if they are not here."""
         with self._lock:
-            return self._weights.get(self._newest.version if version is None else version)
+            found = self._weights.get(self._newest.version if version is None else version)
+        return self._handed_out(found)
 
     def tested(self, version: int) -> tuple[WeightsAnnouncement, bytes] | None:
         """What evaluators test of a version, or None if it is not here."""
         with self._lock:
-            return self._tested.get(version) or self._weights.get(version)
+            found = self._tested.get(version) or self._weights.get(version)
+        return self._handed_out(found)
 
     def announcement(self) -> WeightsAnnouncement:
         """What the newest weights are."""
@@ -218,6 +222,13 @@ class LearnerDesk:
         self._rows = {id(row): known.get(id(row)) or (row, to_json(row)) for row in history}
         rows = b", ".join(self._rows[id(row)][1] for row in history)
         return b'{"snapshot": ' + to_json(snapshot) + b', "history": [' + rows + b"]}"
+
+    def _handed_out(
+        self, found: tuple[WeightsAnnouncement, bytes] | None
+    ) -> tuple[WeightsAnnouncement, bytes] | None:
+        if found is not None:
+            self.traffic.handed_out(len(found[1]))
+        return found
 
     def _handlers(self) -> LearnerHandlers:
         if self.handlers is None:

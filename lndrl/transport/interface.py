@@ -25,6 +25,7 @@ from lndrl.transport.messages import (
     Welcome,
 )
 from lndrl.transport.operation import OperatorHandlers
+from lndrl.transport.traffic import Traffic
 
 
 class WeightsGoneError(LookupError):
@@ -77,6 +78,7 @@ class LearnerEndpoint(Protocol):
     incarnation: str
     largest_message: int
     """Bytes of what is received; larger messages vanish or are refused."""
+    traffic: Traffic
 
     def start(
         self,
@@ -111,6 +113,7 @@ class RankEndpoint(Protocol):
     """The side of a learner's rank other than 0: it takes in the uploads of its lane."""
 
     largest_message: int
+    traffic: Traffic
 
     def start(self, handlers: LearnerHandlers) -> None:
         """Begin to answer."""

@@ -83,6 +83,7 @@ class MemoryLearner:
         self._network = network
         self._desk = LearnerDesk(network.limits)
         self.incarnation = self._desk.incarnation
+        self.traffic = self._desk.traffic
         self.largest_message = network.limits.max_bytes
 
     def start(
@@ -241,7 +242,10 @@ class MemoryActor(Bookkeeper):
                 self.ledger.postpone(entry, POLL)
                 return
             with self._network.chunk_lock:
+                began = time.monotonic()
                 ack = desk.answer_chunk(entry.payload)
+                waited = time.monotonic() - began
+                desk.traffic.answered(ack.status, len(entry.payload), waited)
             self.ledger.settle(entry, ack)
 
     def _wait(self, look: Callable[[], Any], timeout: float) -> Any:

@@ -76,7 +76,9 @@ class StatusModel(Model):
 
 
 MOST_LAG = 15
-"""Versions from which on all lags count as one in ``Lag.shares``."""
+"""Versions from which on all lags count as one in ``Lag.shares`` and ``Session.lags``."""
+UPLOAD_SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
+"""Bounds of ``Traffic.waits``, each the longest of its class."""
 
 
 class Machine(StatusModel):
@@ -240,11 +242,36 @@ class ValidationStatus(StatusModel):
     best: Validated | None = Field(None, description="whose policy is kept as checkpoints/best")
 
 
+class Session(StatusModel):
+    """Counts since this learner started; unlike a run's, they never go back to a checkpoint."""
+
+    started: Amount = Field(0.0, description="unix s")
+    steps: Count = Field(0, description="trained on")
+    updates: Count = 0
+    episodes: dict[str, Count] = Field(default_factory=dict, description="by outcome")
+    lags: list[Count] = Field(default_factory=list, description="samples by lag from 0 on")
+    lag_sum: Count = Field(0, description="of all samples' lags, in versions")
+
+
+class Traffic(StatusModel):
+    """What went through the learner's door since it started."""
+
+    answers: dict[str, Count] = Field(default_factory=dict, description="uploads by answer")
+    waits: list[Count] = Field(
+        default_factory=list, description="uploads by s until the answer, see UPLOAD_SECONDS"
+    )
+    wait_seconds: Amount = Field(0.0, description="of all uploads together")
+    bytes: Count = Field(0, description="of uploads")
+    weights: Count = Field(0, description="times that weights were handed out")
+    weights_bytes: Count = 0
+
+
 class Status(StatusModel):
     """What a learner publishes about itself, about once a second."""
 
     run_id: str = ""
     run_name: str = ""
+    program_version: str = ""
     verdict: str = Field("", description="one of VERDICTS, or words of a newer learner")
     state: str = Field("training", description="waiting, training, done, ...")
     phase: str = Field("", description="imitation, guided, reinforcement; empty: no teacher")
@@ -276,6 +303,8 @@ class Status(StatusModel):
     queue: Queue = Queue()
     events: list[Event] = Field(default_factory=list, description="newest last")
     checkpoint: Checkpoint | None = None
+    session: Session = Session()
+    traffic: Traffic = Traffic()
     validation: ValidationStatus | None = None
 
 

@@ -92,7 +92,7 @@ def test_names_meet() -> None:
     scaled = of(resources, "HorizontalPodAutoscaler", "actors")["spec"]
     assert scaled["scaleTargetRef"]["name"] == "actors"
     metric = scaled["metrics"][0]["object"]["metric"]["name"]
-    exporter = (ROOT.parents[1] / "lndrl/view/exporter.py").read_text()
+    exporter = (ROOT.parents[1] / "lndrl/view/monitoring/families.py").read_text()
     assert metric.removeprefix("lndrl_") in exporter
     for policy in ("learner", "actors"):
         selector = of(resources, "NetworkPolicy", policy)["spec"]["podSelector"]["matchLabels"]

@@ -11,13 +11,18 @@ from lndrl.cli.options import (
     ConfigName,
     LearnerDevice,
     Listen,
+    LogTo,
+    MetricsAddress,
+    MetricsPort,
     Resume,
     RunName,
     Settings,
     Steps,
     TrustModules,
     check_checkpoint,
+    metrics_at,
     run_overrides,
+    trackers_in,
     trust,
 )
 from lndrl.cli.ranks import Ranks, asked_for, follow, joined, lead, leading, shared_options
@@ -60,9 +65,13 @@ def learner(
     insecure: Insecure = False,
     trust_modules: TrustModules = None,
     ranks: Ranks = 1,
+    metrics_port: MetricsPort = None,
+    metrics_address: MetricsAddress = None,
+    log: LogTo = None,
 ) -> None:
     """Run only the learner; actors connect to it from anywhere."""
     check_checkpoint(checkpoint, resume)
+    metrics, trackers = metrics_at(metrics_port, metrics_address), trackers_in(log)
     trust(trust_modules)
     overrides = run_overrides(settings, steps, device, listen)
     overrides += transport_overrides(listen, router, namespace)
@@ -89,6 +98,10 @@ def learner(
         if team is not None:
             lead(team, chosen, folder, asked_for(config, run, resume, checkpoint, overrides))
         summary = run_learner(
-            *(chosen, folder, resume, None, stop, checkpoint), security=security, team=team
+            *(chosen, folder, resume, None, stop, checkpoint),
+            security=security,
+            team=team,
+            metrics=metrics,
+            trackers=trackers,
         )
     raise typer.Exit(concluded(summary, folder, stop))

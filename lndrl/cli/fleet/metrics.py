@@ -16,7 +16,6 @@ from lndrl.cli.security import (
     client_transport,
     connecting,
 )
-from lndrl.errors import UserError
 
 _PATIENCE = 5.0  # s for the learner to answer a scrape
 
@@ -39,21 +38,15 @@ def metrics(
 ) -> None:
     """Serve a learner's status as metrics for Prometheus, at http://ADDRESS:PORT/metrics.
 
-    It only reads, as a dashboard does, and shows its certificate. lndrl_actors_wanted_ratio is what
-    an autoscaler goes by.
+    It only reads, as a dashboard does, and shows its certificate. A learner with --metrics-port
+    serves the same by itself. docs/metrics.md has the names.
     """
-    try:
-        from prometheus_client import CollectorRegistry, start_http_server
-    except ImportError:
-        raise UserError(
-            "lndrl metrics needs the package prometheus-client; pip install it, or lndrl's extra"
-            " fleet"
-        ) from None
+    from prometheus_client import CollectorRegistry
 
     from lndrl.cli.signals import say, stop_on_signals
     from lndrl.transport import open_viewer
     from lndrl.transport.status import Status, parse_reply
-    from lndrl.view.exporter import StatusCollector
+    from lndrl.view.monitoring import MetricsServer, StatusCollector
 
     check_endpoint(connect, "--connect")
     security = connecting("dashboard", certs, user, password_file, zenoh)
@@ -66,14 +59,11 @@ def metrics(
     registry.register(StatusCollector(look))
     with stop_on_signals("metrics are no longer served") as stop:
         try:
-            server, thread = start_http_server(port, address, registry)
-        except OSError as error:
+            server = MetricsServer(address, port, registry)
+            server.start()
+            say(server.url)
+            stop.wait()
+            server.close()
+        finally:
             viewer.close()
-            why = error.strerror or error
-            raise UserError(f"--port {port}: cannot listen at {address} ({why})") from None
-        say(f"http://{address}:{port}/metrics")
-        stop.wait()
-        server.shutdown()
-        thread.join(5.0)
-        viewer.close()
     raise typer.Exit(stop.exit_code)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,12 +82,15 @@ def train_locally(
     stop: Stop,
     security: Security | None = None,
     team: Team | None = None,
+    metrics: tuple[str, int] | None = None,
+    trackers: Sequence[str] = (),
 ) -> RunSummary:
     """Train with the learner in this process and actors in others; returns the summary.
 
     Draws the dashboard when asked to, else prints a line per update. ``security`` is the
-    learner's; the actors get theirs from it. ``team``: this process is its rank 0. Raises
-    UserError when learner or actors cannot go on.
+    learner's; the actors get theirs from it. ``team``: this process is its rank 0. ``metrics``:
+    address and port for Prometheus; ``trackers``: where figures go beside. Raises UserError when
+    learner or actors cannot go on.
     """
     from learner.service import run_learner
 
@@ -108,6 +112,8 @@ def train_locally(
                 on_ready=ready.append,
                 security=security,
                 team=team,
+                metrics=metrics,
+                trackers=trackers,
             )
             outcome.append(summary)
         except BaseException as error:

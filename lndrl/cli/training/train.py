@@ -12,6 +12,9 @@ from lndrl.cli.options import (
     ConfigName,
     LearnerDevice,
     Listen,
+    LogTo,
+    MetricsAddress,
+    MetricsPort,
     Resume,
     RunName,
     Settings,
@@ -19,7 +22,9 @@ from lndrl.cli.options import (
     TrustModules,
     check_checkpoint,
     count_or_auto,
+    metrics_at,
     run_overrides,
+    trackers_in,
     trust,
 )
 from lndrl.cli.ranks import Ranks, asked_for, lead, leading, shared_options
@@ -70,6 +75,9 @@ def train(
     insecure: Insecure = False,
     trust_modules: TrustModules = None,
     ranks: Ranks = 1,
+    metrics_port: MetricsPort = None,
+    metrics_address: MetricsAddress = None,
+    log: LogTo = None,
 ) -> None:
     """Train a policy on this machine: one learner and its actors."""
     network = {
@@ -80,11 +88,14 @@ def train(
         "--zenoh": zenoh,
         "--insecure": insecure,
         "--ranks": ranks > 1,
+        "--metrics-port": metrics_port,
+        "--log": log,
     }
     if serial and any(network.values()):
         option = next(name for name, value in network.items() if value)
         raise UserError(f"{option} does not go with --serial, which is one process")
     check_checkpoint(checkpoint, resume)
+    metrics, trackers = metrics_at(metrics_port, metrics_address), trackers_in(log)
     trust(trust_modules)
     overrides = run_overrides(settings, steps, device, listen)
     overrides += transport_overrides(listen, None, namespace)
@@ -105,6 +116,10 @@ def train(
                     asked = asked_for(config, run, resume, checkpoint, overrides)
                     lead(team, chosen, folder, asked)
                 summary = local.train_locally(
-                    *(chosen, folder, resume, checkpoint, drawn, stop), security=security, team=team
+                    *(chosen, folder, resume, checkpoint, drawn, stop),
+                    security=security,
+                    team=team,
+                    metrics=metrics,
+                    trackers=trackers,
                 )
     raise typer.Exit(concluded(summary, folder, stop))

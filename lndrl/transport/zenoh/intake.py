@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import dataclass, field
 from typing import Any
 
 import zenoh
@@ -18,6 +19,25 @@ CAPACITY = 4096
 logger = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class _Upload:
+    """A query and when it came (monotonic s), as ``UploadQueue`` takes it."""
+
+    query: zenoh.Query
+    came: float = field(default_factory=time.monotonic)
+
+    @property
+    def key_expr(self) -> Any:
+        return self.query.key_expr
+
+    @property
+    def payload(self) -> Any:
+        return self.query.payload
+
+    def drop(self) -> None:
+        self.query.drop()
+
+
 class UploadIntake:
     """Answers the uploads that go to ``lane``, by ``desk``.
 
@@ -29,7 +49,7 @@ class UploadIntake:
         self._keys = [f"{upload_key(lane)}/**"]
         if lane and door:
             self._keys.append(f"{UPLOAD}/*/*/*")  # of a lane have one word more
-        self._uploads = UploadQueue[zenoh.Query]()
+        self._uploads = UploadQueue[_Upload]()
 
     def start(self, session: ZenohSession) -> list[Any]:
         """Begin; what is returned must be kept for as long as uploads are to be answered."""
@@ -37,7 +57,7 @@ class UploadIntake:
         for key in self._keys:
             channel: Any = zenoh.handlers.FifoChannel(CAPACITY)
             queryable = session.zenoh.declare_queryable(key, channel)
-            session.pump("intake", queryable.handler, self._uploads.put)
+            session.pump("intake", queryable.handler, self._put)
             entities.append(queryable)
         session.run("uploads", self._take)
         return entities
@@ -46,11 +66,15 @@ class UploadIntake:
         """Answer nothing any more."""
         self._uploads.close()
 
+    def _put(self, query: zenoh.Query) -> None:
+        self._uploads.put(_Upload(query))
+
     def _take(self) -> None:
-        while (query := self._uploads.get()) is not None:
+        while (upload := self._uploads.get()) is not None:
+            query = upload.query
             with query:
                 try:
-                    query.reply(query.key_expr, encode(self._answer(query)))
+                    query.reply(query.key_expr, encode(self._answer(upload)))
                 except zenoh.ZError:
                     # The actor left or the session closes; an actor that lives sends again.
                     continue
@@ -58,15 +82,18 @@ class UploadIntake:
                     # This thread is the only one that takes uploads in.
                     logger.exception("an upload could not be answered")
 
-    def _answer(self, query: zenoh.Query) -> Ack:
+    def _answer(self, upload: _Upload) -> Ack:
         status, began = "refused", time.thread_time()
         try:
-            ack = self._desk.answer_chunk(bytes_of(query))
+            data = bytes_of(upload.query)
+            ack = self._desk.answer_chunk(data)
             status = ack.status
+            waited = time.monotonic() - upload.came
+            self._desk.traffic.answered(status, len(data), waited)
             return ack
         finally:
             # Before the reply, which fails when the sender has left: that must not be cheaper.
-            self._uploads.settle(query, status, time.thread_time() - began)
+            self._uploads.settle(upload, status, time.thread_time() - began)
 
 
 def bytes_of(query: zenoh.Query) -> bytes:

@@ -61,6 +61,7 @@ class ZenohLearner:
         self.endpoint = config.endpoint
         self._desk = LearnerDesk(Limits(max_bytes=config.max_message_megabytes * 2**20), run_id)
         self.incarnation = self._desk.incarnation
+        self.traffic = self._desk.traffic
         self._uploads = UploadIntake(self._desk, lane, door=True)
         self._news = threading.Event()
         self._entities: list[Any] = []

@@ -35,6 +35,7 @@ class ZenohRank:
     ) -> None:
         limits = Limits(max_bytes=config.max_message_megabytes * 2**20)
         self._desk = LearnerDesk(limits, incarnation=incarnation)
+        self.traffic = self._desk.traffic
         self._uploads = UploadIntake(self._desk, lane)
         self._entities: list[Any] = []
         try:

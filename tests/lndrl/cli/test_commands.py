@@ -135,7 +135,24 @@ def test_learner(services: Services) -> None:
     assert (endpoint or config.transport.endpoint) == "tcp/0.0.0.0:7000"
     assert config.learner.total_steps == 9
     assert not stop.is_set()
-    assert options == {"security": Security("learner"), "team": None}
+    assert options == {
+        "security": Security("learner"),
+        "team": None,
+        "metrics": None,
+        "trackers": (),
+    }
+
+
+@pytest.mark.parametrize("command", ["learner", "train"])
+def test_metrics_are_for_this_machine_unless_asked(
+    command: str, services: Services, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for options in ("", " --metrics-address ::"):
+        assert run(f"{command} run.yaml --metrics-port 9464{options}".split()) == 0
+    served = [call[2]["metrics"] for call in services.calls]
+    assert served == [("127.0.0.1", 9464), ("::", 9464)]
+    assert run(f"{command} run.yaml --metrics-address ::".split()) == 2
+    assert "--metrics-address goes with --metrics-port" in capsys.readouterr().err
 
 
 def test_learner_listens_on_loopback_unless_asked(services: Services) -> None:

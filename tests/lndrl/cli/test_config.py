@@ -104,7 +104,7 @@ def test_differences_are_listed_whatever_is_left_to_defaults(
 
 
 def test_schemas_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    for kind in ("configuration", "scenario", "sweep", "bench", "calibration", "robot"):
+    for kind in ("configuration", "scenario", "sweep", "bench", "calibration", "robot", "metrics"):
         text = (REPOSITORY_CONFIGS / f"schemas/{kind}.json").read_text()
         assert said(capsys, "schema", kind) == text
     assert said(capsys, "schema").startswith('{\n  "$schema"')
