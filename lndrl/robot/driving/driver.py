@@ -44,6 +44,8 @@ _STATUS = 1.0
 _PARTICLES = 0.5
 """s between two messages."""
 _MOST_PARTICLES = 500
+_UNSURE = 0.2
+"""m/s by which a tracker may be wrong."""
 
 
 @dataclass
@@ -78,6 +80,8 @@ class DriveView:
     stops: tuple[Stop, ...]
     guard: bool
     """Whether there is one."""
+    doubt: str
+    """What of its bounds does not hold, as far as that is seen."""
     guarded: str
     """What it sees, where it holds back what was decided."""
     unseen: float
@@ -190,6 +194,7 @@ class Driver:
             actions=self.pilot.actions,
             stops=self.stops,
             guard=self.guard is not None,
+            doubt=self._doubt(),
             guarded=self.guarded,
             unseen=0.0 if scan is None else uncovered(scan, config.world.laser),
             robot_radius=self.senses.radius,
@@ -304,6 +309,15 @@ class Driver:
         if moving or repeat or again:
             self._emit(0.0, 0.0, now)
 
+    def _doubt(self) -> str:
+        """Who walks faster than the guard counts on, in words."""
+        people = None if self.guard is None else self.senses.people()
+        if self.guard is None or people is None or not len(people.velocity):
+            return ""
+        fastest = float(np.hypot(*people.velocity.T).max())
+        beyond = fastest > self.guard.parameters.people_speed + _UNSURE
+        return f"somebody walks {fastest:.1f} m/s" if beyond else ""
+
     def _command(self, wanted: tuple[float, float], now: float) -> None:
         seconds = min(now - self._sent_at, 0.5) if np.isfinite(self._sent_at) else _AGAIN
         v, w = self._limits.within(wanted, self.command, seconds)
@@ -371,6 +385,7 @@ class Driver:
             "all": [stop.reason.label for stop in stops],
             "guard": "off" if self.guard is None else "on",
             "guarded": self.guarded,
+            "doubt": self._doubt(),
             "health": None if health is None else _plain(health),
         }
 

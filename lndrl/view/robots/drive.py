@@ -35,6 +35,8 @@ def drive_screen(
     ``latency`` (s) is the usual time from a scan to its command.
     """
     guard = styled("guard on", GOOD) if view.guard else styled("no guard", BAD)
+    if view.doubt:
+        guard = styled(f"guard on, but {view.doubt}", BAD)
     lines = [styled(f"{head}, ", "bold") + guard, *_state(view, width), _numbers(view)]
     if height >= _ROOMY:
         lines.append(_health(view, latency))

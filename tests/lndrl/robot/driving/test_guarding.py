@@ -73,6 +73,21 @@ def test_its_refusal_has_a_name_that_is_published_and_counted() -> None:
     assert "scan_stale" in rig.reasons and not rig.driver.guarded, "what is wrong comes first"
 
 
+def test_who_walks_faster_than_it_counts_on_is_told() -> None:
+    rig = ready().tick(8)
+    assert rig.driver.status()["doubt"] == ""
+
+    def hurried(purpose: str, content: Any) -> Any:
+        if purpose != "people":
+            return content
+        return replace(content, velocity=np.full_like(content.velocity, 1.0))
+
+    rig.tick(2, hurried)
+    assert rig.driver.status()["doubt"] == "somebody walks 1.4 m/s"
+    assert rig.driver.view(rig.now).doubt == "somebody walks 1.4 m/s"
+    assert Rig().begin().tick(2, hurried).driver.status()["doubt"] == "", "there is no guard"
+
+
 def test_without_it_the_robot_drives_on() -> None:
     rig = ready(DriveOptions()).tick(12)
     rig.tick(8, somebody(0.6))
