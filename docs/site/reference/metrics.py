@@ -10,7 +10,7 @@ from lndrl.evaluation.metrics import Metrics, Rate, Spread
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.transport.status import ACTOR_ACTIVITIES, LEARNER_ACTIVITIES, VERDICTS, Status
-from lndrl.view.exporter import StatusCollector
+from lndrl.view.monitoring import StatusCollector
 
 
 def metrics_page() -> str:
@@ -47,7 +47,7 @@ What a learner says of itself: {", ".join(map(code, VERDICTS))}.
 
 ## For Prometheus
 
-What `lndrl metrics` serves:
+What `--metrics-port` of a learner and `lndrl metrics` serve, before the first episode:
 
 {_prometheus()}
 """
