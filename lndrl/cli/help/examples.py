@@ -187,6 +187,10 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("doctor --connect tls/LEARNER:7447 --certs certs", "as what certs holds"),
         ("doctor --connect tcp/127.0.0.1:7447 --json", "for a program"),
     ),
+    "log": _of(
+        ("log runs/first --to mlflow", "by MLFLOW_TRACKING_URI"),
+        ("log runs/first --to wandb --follow", "as long as it trains"),
+    ),
     "curves": _of(
         ("curves runs/first", "curves.png and curves.csv there"),
         ("curves runs/a runs/b --out both", "two in one picture"),

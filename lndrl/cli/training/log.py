@@ -23,8 +23,6 @@ def log(
 
     Both go by their own settings: WANDB_MODE=offline, WANDB_PROJECT, MLFLOW_TRACKING_URI,
     MLFLOW_EXPERIMENT_NAME (docs/metrics.md). lndrl train --log wandb does this while it trains.
-
-    Example: WANDB_MODE=offline lndrl log runs/first --to wandb
     """
     from learner.run.overview import is_held
     from lndrl.cli.signals import say, stop_on_signals
