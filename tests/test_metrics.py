@@ -103,7 +103,8 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
         )
     found = Live(folder, port, process)
     try:
-        wait("validated", lambda: "[validated]" in log.read_text(), process, log)
+        words = ["[validated]", *(f"[log] {name}: to " for name in TRACKERS)]
+        wait("start", lambda: all(word in log.read_text() for word in words), process, log)
         yield found
         found.end()
     finally:
