@@ -56,7 +56,7 @@ def run_learner(
     crew, well = None if team is None else Crew(team), False
     watchers = Watchers(trackers)
     try:
-        watchers.open(metrics)
+        watchers.listen(metrics)
         learner = Learner(config, path, door, resume, checkpoint, quiet, crew)
         learner.events.add("listen", config.transport.endpoint)
         if team is not None:

@@ -17,7 +17,8 @@ from learner.monitor import Monitor
 from learner.run.events import EventLog
 from learner.status import StatusThread
 
-_PATIENCE = 20.0  # s for the last rows, when the learner leaves
+_PATIENCE = 30.0  # s for the last rows, when the learner leaves
+_SAID = (0, 2)  # exit codes of a child that has said itself what became of them
 _LONGEST = 400  # letters of a line
 
 
@@ -31,6 +32,7 @@ class Trackers:
     def __init__(self, names: Sequence[str], folder: Path, events: EventLog) -> None:
         self._folder, self._events = folder, events
         self._children: dict[str, subprocess.Popen[str]] = {}
+        self._relays: list[Thread] = []
         for name in names:
             try:
                 self._children[name] = self._start(name)
@@ -44,16 +46,18 @@ class Trackers:
                 child.send_signal(signal.SIGTERM)
         deadline = time.monotonic() + _PATIENCE
         for name, child in self._children.items():
-            try:
+            with suppress(subprocess.TimeoutExpired):
                 child.wait(max(0.1, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
+            if child.returncode not in _SAID:
                 again = f"lndrl log {self._folder} --to {name} sends the rest"
-                self._events.add("log", f"{name} has not taken everything; {again}")
+                self._events.add("log", f"{name}: has not taken everything; {again}")
             # The tool's own processes, too: they are of the child's session.
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(child.pid, signal.SIGKILL)
             child.wait()
-        self._children = {}
+        for relay in self._relays:
+            relay.join(1.0)
+        self._children, self._relays = {}, []
 
     def _start(self, name: str) -> subprocess.Popen[str]:
         # Where this program is a checkout, its children must find it, too.
@@ -66,11 +70,13 @@ class Trackers:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
+            encoding="utf-8",
             errors="replace",
             start_new_session=True,  # Ctrl-C is for the learner, which then lets them end
         )
-        Thread(target=self._relay, args=(name, child), name=f"log {name}", daemon=True).start()
+        relay = Thread(target=self._relay, args=(name, child), name=f"log {name}", daemon=True)
+        relay.start()
+        self._relays.append(relay)
         return child
 
     def _relay(self, name: str, child: subprocess.Popen[str]) -> None:
@@ -89,7 +95,7 @@ class Watchers:
         self._monitor: Monitor | None = None
         self._trackers: Trackers | None = None
 
-    def open(self, metrics: tuple[str, int] | None) -> None:
+    def listen(self, metrics: tuple[str, int] | None) -> None:
         """Take the port of ``metrics`` (address, port); raises UserError."""
         self._monitor = Monitor(*metrics) if metrics is not None else None
 

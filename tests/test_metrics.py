@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
+from contextlib import chdir, redirect_stdout
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +24,7 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from lndrl.cli.main import run as lndrl
 from lndrl.config.schema import schema_file
 from lndrl.machine.ports import free_port
 from lndrl.view.run_rows import scalars_of
@@ -54,8 +57,11 @@ class Live:
     process: subprocess.Popen[str]
 
     def end(self) -> None:
-        """As a user ends it; nothing happens where it has ended."""
+        """As a user ends it, once trackers are there; nothing happens where it has ended."""
         if self.process.poll() is None:
+            words = [f"[log] {name}: to " for name in TRACKERS]
+            here = lambda: all(word in self.log() for word in words)  # noqa: E731
+            wait("trackers", here, self.process, self.folder / "log")
             self.process.send_signal(signal.SIGINT)
         assert self.process.wait(PATIENCE) == 130, self.log()
         assert "Traceback" not in self.log()
@@ -118,7 +124,7 @@ def prometheus(live: Live, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         pytest.skip("needs Prometheus (package prometheus), which is not installed")
     folder, port = tmp_path_factory.mktemp("prometheus"), free_port()
     config = yaml.safe_load((GRAFANA / "prometheus.yml").read_text())
-    config["global"] = {"scrape_interval": "1s", "evaluation_interval": "1s"}
+    config["global"] = {"scrape_interval": "500ms", "evaluation_interval": "1s"}
     config["rule_files"] = [str(GRAFANA / "rules.yml")]
     config["scrape_configs"][0]["static_configs"][0]["targets"] = [f"127.0.0.1:{live.port}"]
     (folder / "prometheus.yml").write_text(yaml.safe_dump(config))
@@ -226,15 +232,10 @@ def again(live: Live, name: str) -> str:
     *kept, last = [row for row in live.rows() if "ppo" in row]
     last["time"]["unix"] = time.time()
     path.write_text("".join(json.dumps(row) + "\n" for row in [*kept[:-1], last]))
-    done = subprocess.run(
-        [sys.executable, "-m", "lndrl", "log", "runs/a", "--to", name],
-        cwd=live.folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "WANDB_MODE": "offline"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    out = io.StringIO()
+    with chdir(live.folder), redirect_stdout(out):
+        assert lndrl(["log", "runs/a", "--to", name]) == 0
+    return out.getvalue()
 
 
 @pytest.mark.skipif("mlflow" not in TRACKERS, reason="needs mlflow or mlflow-skinny")
@@ -269,14 +270,23 @@ def test_mlflow_has_every_row_once_and_a_resumed_run_goes_on_there(
 
 
 @pytest.mark.skipif("wandb" not in TRACKERS, reason="needs wandb")
-def test_wandb_has_every_row_offline_and_no_secret_is_written(live: Live) -> None:
+def test_wandb_has_every_row_offline_and_no_secret_is_written(
+    live: Live, monkeypatch: pytest.MonkeyPatch
+) -> None:
     live.end()
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    monkeypatch.setenv("WANDB_API_KEY", SECRET)
     said = logged(live, "wandb")
     assert said[0].startswith("to Weights & Biases, offline in ")
     count = int(said[-1].split()[0].replace(",", ""))
     (first,) = (live.folder / "runs/a/wandb").glob("offline-run-*/*.wandb")
     assert count > 3 and kept(first) == count
-    assert again(live, "wandb").endswith("1 row sent\n")
+    try:
+        assert again(live, "wandb").endswith("1 row sent\n")
+    finally:
+        import wandb
+
+        wandb.teardown()  # its service is a process of its own
     files = sorted((live.folder / "runs/a/wandb").glob("offline-run-*/*.wandb"))
     assert sum(map(kept, files)) == count + 1
     assert len({path.stem for path in files}) == 1, "the same run"
