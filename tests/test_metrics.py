@@ -154,7 +154,7 @@ def enough(url: str) -> bool:
     try:
         scrapes = asked(url, "query", query="count_over_time(lndrl_up[1m])")["result"]
         groups = asked(url, "rules")["groups"]
-    except OSError:
+    except (OSError, AssertionError):  # it says that it is not ready with the status 503
         return False
     return bool(scrapes) and float(scrapes[0]["value"][1]) >= 6 and groups[0]["evaluationTime"] > 0
 
