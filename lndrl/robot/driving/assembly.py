@@ -133,6 +133,7 @@ def make_service(
         people=options.people,
         enable=enable,
         simulated=is_simulated(link, options),
+        awaits_clock=options.sim_time == "auto",
         stamped=options.robot is not None and options.robot.topics.stamped,
     )
     return DriveService(link, lambda send: make_driver(pilot, options, send), wanted, recorder)

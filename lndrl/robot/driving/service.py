@@ -9,7 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from queue import Empty
 
 import zenoh
@@ -44,6 +44,8 @@ class Wanted:
     people: bool = True
     enable: Topic | None = None
     simulated: bool = False
+    awaits_clock: bool = False
+    """Whether time becomes simulated where a clock is published later."""
     stamped: bool = False
     """Whether commands are TwistStamped until the robot says itself which it listens to."""
 
@@ -134,6 +136,8 @@ class DriveService:
             self.latencies.append(time.monotonic() - arrival.at)
 
     def _tick(self, stamp: int) -> None:
+        if self._clock is None:
+            self._past -= stamp / SECOND if self._past else 0.0  # time goes on as it was
         if self._clock is not None and stamp < self._clock - SECOND:
             self._past += (self._clock - stamp) / SECOND
         self._clock, self._ticked = stamp, time.monotonic()
@@ -142,7 +146,7 @@ class DriveService:
         """s of a clock that never goes back: the simulation's, or ours."""
         if not self.wanted.simulated:
             return time.monotonic()
-        return 0.0 if self._clock is None else self._clock / SECOND + self._past
+        return self._past if self._clock is None else self._clock / SECOND + self._past
 
     def _look(self) -> None:
         """See whether the link, the clock and the topics are what they should be."""
@@ -160,6 +164,19 @@ class DriveService:
             wrong = self._wrong_types()
             _set(outside, Reason.WRONG_TYPE, bool(wrong), wrong)
             self._choose_command_type()
+            self._look_for_clock()
+
+    def _look_for_clock(self) -> None:
+        """Go by a clock that is published only now, or was only now heard of."""
+        clock = self.wanted.topics.topic("clock")
+        there = any(
+            each.kind == "publisher" and each.topic == clock.name for each in self._link.endpoints()
+        )
+        if self.wanted.awaits_clock and not self.wanted.simulated and there:
+            self._past, self._ticked = time.monotonic(), time.monotonic()
+            self.wanted = replace(self.wanted, simulated=True)
+            self._purposes[clock] = "clock"
+            self._link.subscribe(clock)
 
     def _wrong_types(self) -> str:
         """The first topic that nobody publishes as it is listened to, in words."""

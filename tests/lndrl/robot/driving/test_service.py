@@ -102,6 +102,17 @@ def test_a_rehearsal_arrives(
     assert recorder.messages > 500 and not recorder.failed
 
 
+def test_a_clock_that_is_heard_of_late_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lndrl.robot.driving.assembly.is_simulated", lambda link, options: False)
+    with stage(Rehearsal(1, **FAST)) as played:  # type: ignore[arg-type]
+        service = service_on(played)
+        assert not service.wanted.simulated
+        service.run(played.stop, over=within(100.0))
+        played.thread.join(10.0)
+    assert service.wanted.simulated
+    assert [record.outcome for record in played.records] == ["arrived"]
+
+
 def test_the_shipped_policy_is_rehearsed() -> None:
     rehearsal = Rehearsal(1, **FAST)  # type: ignore[arg-type]
     with stage(rehearsal, "bridge", "shipped") as played:
