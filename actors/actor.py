@@ -313,6 +313,8 @@ class Actor:
 
     def _wait(self, stop: threading.Event) -> None:
         """A moment, for the upload window or for weights."""
+        if self.rollout is not None:
+            self.rollout.show()  # who begins to watch now sees where it has stopped
         newest, _ = self.endpoint.newest()
         if self.ready():
             return

@@ -110,8 +110,8 @@ class Rollout:
 
         self.environment.on_end = ended
 
-    def _show(self) -> None:
-        """Show the first world after a step, where somebody watches and it is time."""
+    def show(self) -> None:
+        """Show how the first world stands, where somebody watches and it is time."""
         if self.showing is not None and self.showing.wanted():
             world = self.environment.worlds[0]
             self.showing.see(world, np.exp(self.runner.said[0]), self.version)
@@ -158,7 +158,7 @@ class Rollout:
             reward[t] = result.reward
             terminated[t], truncated[t] = result.terminated, result.truncated
             episodes.extend(result.episodes)
-            self._show()
+            self.show()
             needed = ~result.terminated if t == steps - 1 else result.truncated
             if needed.any():
                 finals.append(following(environment.observation, result, needed))

@@ -82,3 +82,16 @@ def test_frames_are_few_and_cost_next_to_nothing(small_config, audience: Audienc
     assert np.diff(times).min() >= 0.099
     spent = time.process_time() - before
     assert shown.seconds - taken <= 2 * showing.MOST_CPU * spent
+
+
+def test_whoever_comes_while_it_waits_sees_where_it_stands(
+    small_config, audience: Audience
+) -> None:
+    rollout = rollout_for(small_config(), audience)
+    rollout.collect(0)
+    assert audience.shown == []
+    audience.there = True
+    rollout.show()
+    (frame, arrays) = decode_frame(audience.shown[0][1])
+    assert frame.steps > 0 and len(arrays["grid"]) > 0
+    assert arrays["probabilities"].sum() == pytest.approx(1.0)

@@ -25,8 +25,10 @@ Watch = Callable[[str], Watching]
 
 
 class Onlooker:
-    """Has ``actor_id`` show a world from now until ``close``; opened by a thread, as that asks the
-    network.
+    """Has ``actor_id`` show a world from now until ``close``.
+
+    Both ask the network, in threads that are waited for at exit: Python aborts where a daemon is
+    inside zenoh then. They end at the latest with the viewer's session.
 
     ``snapshot`` is what is to be drawn, None before the first frame with a grid; ``version`` of the
     weights it acts on; ``ends`` counts how episodes have ended meanwhile.
@@ -86,7 +88,7 @@ class Onlooker:
     def close(self) -> None:
         """Watch no longer."""
         self._closed = True
-        threading.Thread(target=self._leave, name="dashboard-world", daemon=True).start()
+        threading.Thread(target=self._leave, name="dashboard-world").start()
 
     def _note_end(self, snapshot: WorldSnapshot, now: float) -> None:
         place = snapshot.world, snapshot.episode
@@ -95,7 +97,7 @@ class Onlooker:
             self.ends[snapshot.outcome] += 1
 
     def _begin(self) -> None:
-        threading.Thread(target=self._open, name="dashboard-world", daemon=True).start()
+        threading.Thread(target=self._open, name="dashboard-world").start()
 
     def _open(self) -> None:
         with self._opening:
