@@ -58,7 +58,7 @@ train-all: install
 	$(BIN)/lndrl train-all $(if $(STEPS),--steps $(STEPS)) $(if $(ACTORS),--actors $(ACTORS)) $(ARGS)
 
 test: install references
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(PYTEST)
 
 check: install
 	$(BIN)/ruff format --check .

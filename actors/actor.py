@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from actors.fetcher import FETCH_TIMEOUT, Fetcher
 from actors.laps import Laps
 from actors.rollout import Chunk, Rollout
+from actors.showing import Showing
 from lndrl import kernels
 from lndrl.config import FIXED_ACTORS, RunConfig, parse_config
 from lndrl.machine.load import Load
@@ -172,6 +173,7 @@ class Actor:
             if self._alone:
                 set_threads(config.actor.threads)
                 return_what_is_free()  # compiling and trying took tens of megabytes
+            rollout.show_on(Showing(self.endpoint, welcome.run_id, self.actor_id))
             self.rollout, self._weights_from = rollout, ""
             self.laps.restart()  # building worlds and compiling is no part of any chunk
         self._on_event(

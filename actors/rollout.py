@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from actors import teaching
 from actors.laps import Laps
+from actors.showing import Showing
 from actors.teaching import Teacher
 from actors.witness import Witness
 from lndrl.config import RunConfig
 from lndrl.kernels import expect
 from lndrl.navigation import (
     EpisodeRecord,
+    Navigation,
     Observation,
     StepResult,
     Trajectory,
@@ -79,6 +81,7 @@ class Rollout:
             surroundings,
             config.learner.privileged_critic,
         )
+        self.showing: Showing | None = None
         self.guidance = Guidance()
         self.teacher = None if config.ppo.teacher is None else Teacher(config, self.worlds)
         # Compile every kernel now, on a world that nobody records.
@@ -95,6 +98,23 @@ class Rollout:
         self.runner.load(blob)
         self.guidance = Guidance.of(blob)
         self.version = version
+
+    def show_on(self, showing: Showing) -> None:
+        """Let whoever watches see the first world from now on."""
+        self.showing = showing
+        first = self.environment.worlds[0]
+
+        def ended(world: Navigation, record: EpisodeRecord) -> None:
+            if world is first:
+                showing.ended(world, self.version)
+
+        self.environment.on_end = ended
+
+    def _show(self) -> None:
+        """Show the first world after a step, where somebody watches and it is time."""
+        if self.showing is not None and self.showing.wanted():
+            world = self.environment.worlds[0]
+            self.showing.see(world, np.exp(self.runner.said[0]), self.version)
 
     def action_generator(self, number: int) -> np.random.Generator:
         """Noise of chunk ``number``: a function of (seed, actor, chunk), so that runs repeat."""
@@ -138,6 +158,7 @@ class Rollout:
             reward[t] = result.reward
             terminated[t], truncated[t] = result.terminated, result.truncated
             episodes.extend(result.episodes)
+            self._show()
             needed = ~result.terminated if t == steps - 1 else result.truncated
             if needed.any():
                 finals.append(following(environment.observation, result, needed))

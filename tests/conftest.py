@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
@@ -24,6 +25,40 @@ from hypothesis import HealthCheck, settings  # noqa: E402
 
 from lndrl import extensions  # noqa: E402
 
+ROOT = Path(__file__).parent
+LONGEST = [
+    "lndrl/policy/export/test_export.py",
+    "test_system.py",
+    "learner/ppo/test_imitation.py",
+    "chaos/test_chaos.py",
+    "lndrl/placement/test_up.py",
+    "chaos/test_hosts.py",
+    "actors/test_fleet.py",
+    "deploy/test_sbatch.py",
+    "lndrl/policy/export/test_convert.py",
+    "lndrl/robot/driving/test_service.py",
+    "lndrl/bench/gpu/test_apart.py",
+    "lndrl/kernels/test_store.py",
+    "lndrl/evaluation/test_pool.py",
+    "lndrl/view/dashboard/test_terminal.py",
+    "learner/ranks/test_job.py",
+    "learner/ppo/test_update.py",
+    "lndrl/test_deployment_page.py",
+    "lndrl/transport/security/test_access.py",
+    "lndrl/view/pictures/test_fitting.py",
+    "chaos/test_flood.py",
+    "lndrl/bench/test_tls.py",
+    "lndrl/bench/test_memory.py",
+    "deploy/test_page.py",
+]
+"""Files that take longest, longest first: one that is begun last is waited for by all workers."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the longest files; ``--no-loadscope-reorder`` keeps pytest-xdist to that."""
+    places = {ROOT / name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.path, len(places)))
+
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what is marked ``cuda`` where there is no GPU."""
@@ -33,6 +68,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         if not torch.cuda.is_available():
             pytest.skip("needs a CUDA GPU")
 
+
+# Under nohup, or as a script's background job, a process is born deaf to these, and so is all that
+# it starts; what they do to a program is what some tests are about.
+for _number, _handler in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGQUIT, signal.SIG_DFL),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _handler)
 
 # No deadline: the first example compiles the kernel. Derandomized: a red test is red again.
 settings.register_profile(

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONGEST
+
 ROOT = Path(__file__).resolve().parent.parent
 FLOORS = {
     "lndrl": 7,  # the front door: nobody inside goes through it
@@ -71,7 +73,9 @@ INNER_FLOORS = {
     "lndrl.robot.bags": 4,
     "lndrl.view": 0,
     "lndrl.view.dashboard": 1,
+    "lndrl.view.dashboard.worlds": 1,
     "lndrl.view.pictures": 1,
+    "lndrl.view.playing": 2,
     "lndrl.view.robots": 2,
     "lndrl.view.report": 2,
     "lndrl.cli": 0,
@@ -121,6 +125,8 @@ LIBRARIES = {
     "asyncssh": {"lndrl.placement", "lndrl.cli"},
     "submitit": {"lndrl.placement", "lndrl.cli"},
     "jinja2": {"lndrl.view"},
+    "rerun": {"lndrl.view"},
+    "imageio_ffmpeg": {"lndrl.view"},
 }
 PICKLERS = {"pickle", "cPickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
 LONGEST_FILE = 450
@@ -381,3 +387,7 @@ def test_types_are_checked_everywhere_and_as_strictly_in_tests() -> None:
     relaxed = [name for each in settings["overrides"] for name in each["module"]]
     assert not [name for name in relaxed if name.split(".")[0] in (*settings["files"], "*")]
     assert "\t$(BIN)/mypy\n" in (ROOT / "Makefile").read_text(), "with no arguments: all of them"
+
+
+def test_the_files_that_are_begun_first_are_there() -> None:
+    assert [name for name in LONGEST if not (ROOT / "tests" / name).is_file()] == []

@@ -27,7 +27,7 @@ from torch import Tensor
 from learner.ppo.adam import Adam
 from learner.ppo.update import PPO
 from learner.run.privilege import widened_moments, widened_value
-from lndrl.config.shipped import SHIPPED_POLICY
+from lndrl.config.shipped import SHIPPED_POLICIES, SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.numbering import checkpoint_name, checkpoints_in, step_of
 from lndrl.policy import (
@@ -173,7 +173,7 @@ def start_from(named: str | Path, ppo: PPO) -> Path:
     Returns what it was; raises UserError when there is none or it is of another network.
     """
     run = Path(named)
-    if named == SHIPPED_POLICY or run.is_file():
+    if named in SHIPPED_POLICIES or run.is_file():
         try:
             policy = read_policy(named)
             check_layout(str(run), policy.config, ppo.config)

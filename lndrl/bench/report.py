@@ -38,7 +38,7 @@ BENCHMARKS = {
     "train": "whole training, learner and actors",
     "robot": "scan to command and stale scan to stop of a drive, one core, over zenoh",
     "memory": "resident memory of actor and learner in MB, by part and in a training",
-    "dashboard": "CPU of a viewer that draws 300 actors twice a second, by size of its terminal",
+    "dashboard": "CPU of a viewer that draws 300 actors twice a second, and of an actor it watches",
     "guard": "the guard against bodies that do their worst, one core: touches, standing, time",
     "tls": "whole training over mutual TLS beside the same over plain TCP, in turns",
 }

@@ -228,21 +228,23 @@ def check_device(device: str) -> str:
     return device
 
 
-def check_picture(out: Path, *suffixes: str) -> None:
-    """Raises UserError unless ``--out`` can be a picture: it ends in one of ``suffixes`` (.png), in
-    a folder that exists, and is not the image of a map, which nobody could draw again.
+def check_picture(out: Path, *suffixes: str, option: str = "--out") -> None:
+    """Raises UserError unless ``option`` can be a picture: it ends in one of ``suffixes`` (.png),
+    in a folder that exists, and is not the image of a map, which nobody could draw again.
     """
     suffixes = suffixes or (".png",)
     if out.suffix.lower() not in suffixes:
-        raise UserError(f"--out {out}: must end in {' or '.join(suffixes)}")
+        raise UserError(f"{option} {out}: must end in {' or '.join(suffixes)}")
     if not out.parent.is_dir():
-        raise UserError(f"--out {out}: folder {out.parent} does not exist")
+        raise UserError(f"{option} {out}: folder {out.parent} does not exist")
     if out.is_dir():
-        raise UserError(f"--out {out}: is a folder; name a file")
+        raise UserError(f"{option} {out}: is a folder; name a file")
     if out.exists():
         for described in sorted([*out.parent.glob("*.yaml"), *out.parent.glob("*.yml")]):
             if _is_image_of(out, described):
-                raise UserError(f"--out {out}: is the image of the map {described}; name another")
+                raise UserError(
+                    f"{option} {out}: is the image of the map {described}; name another"
+                )
 
 
 def _is_image_of(picture: Path, described: Path) -> bool:
@@ -312,10 +314,12 @@ def of_run(planner: str, checkpoint: str | None, planners: Sequence[str]) -> str
     """
     if checkpoint is None:
         return None
-    from lndrl.config.shipped import SHIPPED_POLICY  # brings pydantic along
+    from lndrl.config.shipped import SHIPPED_POLICIES  # brings pydantic along
 
     runs = [
-        each for each in planners if each != SHIPPED_POLICY and Path(each, "checkpoints").is_dir()
+        each
+        for each in planners
+        if each not in SHIPPED_POLICIES and Path(each, "checkpoints").is_dir()
     ]
     if not runs:
         raise UserError(

@@ -125,6 +125,11 @@ class RunConfig(Model):
                 "imitation.vary needs a teacher that goes by the observation alone; say "
                 "hears_commands: false in imitation.settings"
             )
+        if self.ppo.teacher and self.imitation.vary > 0.0 and self._velocities_take_time:
+            return (
+                "imitation.vary labels states that nobody met, in which nobody knows how fast the "
+                "robot drives; with world.robot.acceleration say imitation.vary: 0"
+            )
         turns = self.task.angular_velocities
         if self.ppo.teacher and self.imitation.mirror and {-w for w in turns} != set(turns):
             return (
@@ -132,6 +137,10 @@ class RunConfig(Model):
                 "them so, or set imitation.mirror: false"
             )
         return None
+
+    @property
+    def _velocities_take_time(self) -> bool:
+        return any(math.isfinite(limit) for limit in self.world.robot.acceleration.limits)
 
     @property
     def steps_limit(self) -> int:

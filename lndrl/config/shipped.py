@@ -16,6 +16,9 @@ REPOSITORY_CONFIGS = _IN_WHEEL if _IN_WHEEL.is_dir() else _HERE.parent.parent / 
 
 SHIPPED_POLICY = "shipped"
 """The name of the policy that comes with the program, wherever a run folder is taken."""
+ROBOT_POLICY = "shipped-robot"
+"""The same for bases whose velocities take time; see configs/shipped-robot.yaml."""
+SHIPPED_POLICIES = (SHIPPED_POLICY, ROBOT_POLICY)
 
 Kind = Literal["configuration", "scenario", "sweep", "bench", "calibration", "robot"]
 PLACES: dict[Kind, str] = {

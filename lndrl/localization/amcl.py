@@ -30,7 +30,7 @@ from lndrl.localization.belief import (
     make_settings,
 )
 from lndrl.localization.bins import Bins, make_bins
-from lndrl.localization.clusters import two_heaviest
+from lndrl.localization.clusters import two_heaviest, two_places
 from lndrl.localization.confidence import cluster_spread
 from lndrl.localization.likelihood import LikelihoodMap
 from lndrl.localization.motion import scatter_correlated
@@ -123,6 +123,11 @@ class AMCL:
         return view
 
     @property
+    def weights(self) -> Vector:
+        """View ``(count,)`` of the particles' weights, sum 1; valid until the next update."""
+        return self._belief.weights[: self.count]
+
+    @property
     def ignored_odometry(self) -> int:
         """Updates refused since the reset because the odometry was not finite or jumped > 1 km."""
         return int(self._belief.numbers[BAD_ODOMETRY])
@@ -172,6 +177,17 @@ class AMCL:
         masses = np.zeros(2)
         two_heaviest(belief.weights, count, self._scratch.bin_of, self._bins, k, masses)
         return float(masses[0]), float(masses[1])
+
+    def cluster_places(self) -> Vector:
+        """Share of the weight and mean x, y (m) of the two heaviest clusters, (2, 3), the heaviest
+        first; zeros where there is none. Changes nothing that an update reads.
+        """
+        belief, numbers = self._belief, self._belief.numbers
+        count, particles = numbers[COUNT], belief.particles[numbers[CURRENT]]
+        k = fill_bins(particles, count, self._scratch, self._bins)
+        places = np.zeros((2, 3))
+        two_places(particles, belief.weights, count, self._scratch.bin_of, self._bins, k, places)
+        return places
 
     def _cluster(self) -> tuple[Vector, float]:
         belief, numbers = self._belief, self._belief.numbers

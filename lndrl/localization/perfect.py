@@ -30,6 +30,15 @@ class PerfectLocalization:
         """View ``(1, 3)``: the estimate itself."""
         return self.pose_estimated[np.newaxis]
 
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """``(1,)``: there is no doubt."""
+        return np.ones(1)
+
+    def cluster_places(self) -> NDArray[np.float64]:
+        """As ``AMCL.cluster_places``: all of the weight is at the estimate."""
+        return np.array([[1.0, *self.pose_estimated[:2]], [0.0, 0.0, 0.0]])
+
     def reset(
         self,
         pose: ArrayLike,

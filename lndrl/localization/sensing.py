@@ -55,7 +55,7 @@ class SensorFilter:
     Odometer readings and scans come with their stamps (s, one clock), as they arrive; the scan is
     taken with the odometer's pose at its stamp. ``least_echoes``: a scan with fewer usable beams,
     of those that the filter would use, is not weighed, it only moves the cloud. ``ahead`` (s): see
-    ``OdometryHistory``.
+    ``OdometryHistory``. ``odometer``: one that somebody else feeds, too; by default an own one.
     """
 
     def __init__(
@@ -65,12 +65,13 @@ class SensorFilter:
         scanner: Scanner,
         least_echoes: int = 5,
         ahead: float = 0.05,
+        odometer: OdometryHistory | None = None,
     ) -> None:
         # The scanner's maximum is the laser's: there is one, and the configuration may lower it.
         laser = LaserConfig(beams=config.laser_max_beams, range_max=scanner.range_max)
         self.scanner = scanner
         self.amcl = AMCL(LikelihoodMap.build(grid, config, laser), config, laser, scanner=scanner)
-        self.odometer = OdometryHistory(ahead=ahead)
+        self.odometer = OdometryHistory(ahead=ahead) if odometer is None else odometer
         self._range_max = np.float32(config.max_range(scanner.range_max))
         self._range_min = np.float32(config.min_range(scanner.range_min))
         self._least, self._max_beams = least_echoes, config.laser_max_beams
@@ -93,6 +94,15 @@ class SensorFilter:
         self._reference = np.array(pose_odometry, dtype=np.float64)
         self._taken = self._usable = -math.inf
         self._echoes = 0
+
+    def take_up(self, before: SensorFilter) -> None:
+        """Go on with the belief of ``before``: the same robot on another map, or another scanner.
+
+        Raises ValueError where that has room for another number of particles.
+        """
+        self.amcl.restore(before.amcl.snapshot())
+        self._reference = before._reference
+        self._taken, self._usable, self._echoes = before._taken, before._usable, before._echoes
 
     def add_odometry(self, stamp: float, pose: ArrayLike) -> bool:
         """Take an odometer reading (3,); False if it is not finite or not newer than the last."""
@@ -142,14 +152,25 @@ class SensorFilter:
 
         Where no reading tells that time, the newest that there is. Nothing in the filter changes.
         """
+        return compose(self.amcl.pose_estimated, self._moved(stamp))
+
+    def cloud(self, stamp: float | None = None) -> Vector:
+        """The particles (n, 3), a copy, each moved on as ``pose`` moves the estimate."""
+        cloud = self.amcl.particles.copy()
+        dx, dy, turn = self._moved(stamp)
+        c, s = np.cos(cloud[:, 2]), np.sin(cloud[:, 2])
+        cloud[:, 0] += c * dx - s * dy
+        cloud[:, 1] += s * dx + c * dy
+        cloud[:, 2] = np.remainder(cloud[:, 2] + turn + np.pi, 2.0 * np.pi) - np.pi
+        return cloud
+
+    def _moved(self, stamp: float | None) -> Vector:
+        """By how much (3,) the odometer has moved since what the estimate belongs to."""
         newest = self.odometer.newest
-        if not math.isfinite(newest):
-            return self.amcl.pose_estimated.copy()
         odometry = self.odometer.at(newest if stamp is None else stamp)
         if odometry is None:
             odometry = self.odometer.at(newest)
-        assert odometry is not None
-        return compose(self.amcl.pose_estimated, relative(self._reference, odometry))
+        return np.zeros(3) if odometry is None else relative(self._reference, odometry)
 
     def health(self, now: float) -> Health:
         """How well the belief stands at ``now`` (s, the stamps' clock)."""

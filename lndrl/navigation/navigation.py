@@ -17,10 +17,11 @@ from lndrl.config import RunConfig
 from lndrl.kernels import expect
 from lndrl.localization import AMCL, LikelihoodMap, PerfectLocalization
 from lndrl.localization.belief import belief_of, motion_noise
+from lndrl.navigation.actions import action_table
 from lndrl.navigation.batch import KERNELS, NavigationBatch
 from lndrl.navigation.episode import EpisodeRecord, EpisodeTally, Outcome
 from lndrl.navigation.observation import Observation, dequantise
-from lndrl.navigation.reward import REWARD_PARTS
+from lndrl.navigation.reward import REWARD_PARTS, angle_error, position_error
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
 from lndrl.randomness import State, Stream, episode_states, uniform
@@ -135,6 +136,7 @@ class Navigation:
         self.scan = self.track.scan
         self._tally = EpisodeTally(self.track)
         self._command = np.zeros((1, 2))
+        self._actions = action_table(self.config.task)
 
     def _move_to(self, layout: int) -> None:
         """Live in another layout from now on, in memory of its own."""
@@ -253,10 +255,24 @@ class Navigation:
             self.world_id, self.episode, outcome, self.world.time, self._own_sums()
         )
 
-    def snapshot(self) -> WorldSnapshot:
-        """Everything a drawing needs, copied; needs a started episode."""
+    def _action_taken(self) -> int:
+        """Number of the action that is the last command; -1 where it is none of the table."""
+        near = np.abs(self._actions - self.world.command).max(axis=1)
+        return int(near.argmin()) if near.min() < 1e-6 else -1
+
+    @property
+    def layout(self) -> int:
+        """The layout that the episode is played in; 0 for a scenario that has but one."""
+        return self._layout
+
+    def snapshot(self, probabilities: NDArray[np.floating] | None = None) -> WorldSnapshot:
+        """Everything a drawing needs, copied; needs a started episode.
+
+        ``probabilities`` (A,) are those that the last action was drawn by.
+        """
         config, world, grid = self.config, self.world, self.place.grid
-        seen = self.steps + 1
+        heard, judged = self.pose_heard, self.pose_judged
+        seen, said = self.steps + 1, probabilities if self.steps else None
         return WorldSnapshot(
             scenario=config.scenario.name,
             size=grid.size,
@@ -290,4 +306,16 @@ class Navigation:
             path=self.track.path[:seen].copy(),
             path_estimated=self.track.path_estimated[:seen].copy(),
             episode_return=self._tally.episode_return + sum(self._own_sums().values()),
+            pose_odometry=world.pose_odometry.copy(),
+            covariance=self.localization.covariance.copy(),
+            weights=self.localization.weights.copy(),
+            position_error=float(position_error(judged, heard)),
+            angle_error=float(angle_error(judged, heard)),
+            lost_distance=config.task.lost_distance,
+            lost_angle=config.task.lost_angle,
+            part_names=self.part_names,
+            parts=self.parts() if self.steps else np.zeros(len(self.part_names)),
+            actions=self._actions,
+            probabilities=np.zeros(0) if said is None else said.astype(np.float64),
+            action=self._action_taken() if self.steps else -1,
         )

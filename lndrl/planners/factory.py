@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from lndrl.config import RunConfig
-from lndrl.config.shipped import SHIPPED_POLICY
+from lndrl.config.shipped import SHIPPED_POLICIES, SHIPPED_POLICY
 from lndrl.errors import UserError
 from lndrl.extensions import PLANNER, PartSettings, find, installed, is_own
 from lndrl.models import TEMPERATURES, Model, validate
@@ -89,7 +89,7 @@ class PlannerSource:
         """A short name, fit for a file's."""
         if self.own:
             return self.name.rpartition(":")[2] + self._layers
-        if self.weights is None or self.name == SHIPPED_POLICY:
+        if self.weights is None or self.name in SHIPPED_POLICIES:
             return f"{self.name}{self._layers}"
         path = Path(self.name).resolve()
         return f"{path.name if path.is_dir() else path.parent.name}{self._layers}"
@@ -195,7 +195,7 @@ def teacher_of(config: RunConfig) -> PredictivePlanner:
 
 def has_weights(planner: str) -> bool:
     """Whether there is something to load a policy from under the name or path ``planner``."""
-    return planner == SHIPPED_POLICY or Path(planner).exists()
+    return planner in SHIPPED_POLICIES or Path(planner).exists()
 
 
 def planner_names() -> tuple[str, ...]:
@@ -205,7 +205,7 @@ def planner_names() -> tuple[str, ...]:
 
 def is_own_planner(planner: str) -> bool:
     """Whether ``planner`` names a class of a user's own."""
-    if planner in RULES or planner == SHIPPED_POLICY:
+    if planner in RULES or planner in SHIPPED_POLICIES:
         return False
     return is_own(planner) or (planner in installed(PLANNER) and not Path(planner).exists())
 

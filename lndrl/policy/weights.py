@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig, parse_config
-from lndrl.config.shipped import SHIPPED_POLICY
+from lndrl.config.shipped import ROBOT_POLICY, SHIPPED_POLICIES
 from lndrl.errors import UserError
 from lndrl.models import TEMPERATURES
 from lndrl.numbering import BEST, checkpoints_in
 from lndrl.policy.blob import metadata_in, tensors_in
 from lndrl.policy.layout import CONFIG_KEY, explain_misfit
 from lndrl.policy.shapes import Shapes
-from lndrl.policy.shipped import SHIPPED_FILE, widened
+from lndrl.policy.shipped import ROBOT_FILE, SHIPPED_FILE, widened
 from lndrl.version import VERSION
 
 POLICY_FILE = "policy.safetensors"
@@ -145,13 +145,14 @@ def read_policy(path: Path | str, checkpoint: str | None = None) -> PolicyFile:
     path. What a file has in half precision comes as float32. Raises UserError naming the path when
     nothing usable is there, and for a checkpoint of what is no run.
     """
-    named = path in (SHIPPED_POLICY, Path(SHIPPED_POLICY))
+    name = str(path)
+    named = name in SHIPPED_POLICIES and path in (name, Path(name))
     if named and checkpoint is not None:
         raise UserError(
-            f"{SHIPPED_POLICY}: is one policy, which has no checkpoint {checkpoint}; a folder of "
-            f"that name is ./{SHIPPED_POLICY}"
+            f"{name}: is one policy, which has no checkpoint {checkpoint}; a folder of "
+            f"that name is ./{name}"
         )
-    file = SHIPPED_FILE if named else _policy_file(Path(path), checkpoint)
+    file = _shipped_file(name) if named else _policy_file(Path(path), checkpoint)
     blob = _read(file)
     metadata = _metadata(file, blob)
     if CONFIG_KEY not in metadata:
@@ -167,6 +168,18 @@ def read_policy(path: Path | str, checkpoint: str | None = None) -> PolicyFile:
     elif file.parent.parent.name == "checkpoints":
         origin = _origin(file, metadata)
     return PolicyFile(config, widened(blob, metadata), origin, _temperature(metadata, str(file)))
+
+
+def _shipped_file(name: str) -> Path:
+    """Where this build has the policy ``name``; raises UserError where it has none."""
+    if name != ROBOT_POLICY:
+        return SHIPPED_FILE
+    if not ROBOT_FILE.is_file():
+        raise UserError(
+            f"{name}: this build comes without it; train it by lndrl train {name} --run robot, and "
+            "name runs/robot"
+        )
+    return ROBOT_FILE
 
 
 def driven_at(weights: bytes, where: str = "weights") -> float:

@@ -37,6 +37,8 @@ class Adversity:
     ``bodies`` discs of ``GuardConfig.body`` / 2 radius walk at ``GuardConfig.people_speed`` at the
     most. Readings err by up to ``GuardConfig.noise``; a share ``missed`` of them is none, and
     ``random`` of them anything. ``latency`` (ticks): from a scan to the moment its command holds.
+    ``holds`` (ticks): how long a command may hold, where another may come with every step before;
+    None: for the step.
     """
 
     bodies: int = 6
@@ -47,6 +49,7 @@ class Adversity:
     tick: float = 0.1
     ticks_per_step: int = 4
     latency: int = 0
+    holds: int | None = None
     limits: Limits | None = None
     missed: float = 0.01
     random: float = 0.01
@@ -101,10 +104,11 @@ class Arena:
         self.choices[:, 0] *= made.fastest / 0.6
         self.scanner = Scanner(range_max=made.range_max)
         self.bearings = made.field_of_view * ((np.arange(made.beams) + 0.5) / made.beams - 0.5)
-        period = made.tick * made.ticks_per_step
+        holds = made.holds or made.ticks_per_step
         self.guard = CommandGuard(
-            self.parameters, made.radius, made.limits, self.choices, period, made.tick, square()
-        )
+            self.parameters, made.radius, made.limits, self.choices, made.tick * holds, made.tick,
+            square(), revised=holds > made.ticks_per_step,
+        )  # fmt: skip
         self.limits = made.limits or (math.inf, math.inf, math.inf)
         self.pose, self.velocity, self.command = np.zeros(3), np.zeros(2), np.zeros(2)
         self.goal = self._somewhere()

@@ -7,6 +7,7 @@ what is guaranteed, under which assumptions, and proves it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,18 @@ from lndrl.world.odometry import Limits
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Base:
+    """What the guard must know of a base: the ``radius`` (m) of the disc that holds the robot,
+    ``limits`` (see ``lndrl.world.odometry``) on its velocities, and the s without a command after
+    which it brakes by itself (``timeout``).
+    """
+
+    radius: float
+    limits: Limits
+    timeout: float
 
 
 @dataclass(frozen=True)
@@ -37,8 +50,9 @@ class CommandGuard:
 
     ``radius`` (m): of the disc around the base's middle that holds the robot. ``limits``: see
     ``lndrl.world.odometry``; None: it stops at once. A command holds for ``period`` s at most,
-    then another follows or the robot brakes. ``tick`` (s): in whose steps paths are predicted.
-    ``grid``: the map whose obstacles are known to stand; None: everything may move.
+    then another follows or the robot brakes; with ``revised`` that may be after any tick of it.
+    ``tick`` (s): in whose steps paths are predicted. ``grid``: the map whose obstacles are known to
+    stand; None: everything may move.
     """
 
     def __init__(
@@ -50,9 +64,13 @@ class CommandGuard:
         period: float,
         tick: float = 0.1,
         grid: OccupancyGrid | None = None,
+        revised: bool = False,
     ) -> None:
         self.parameters = parameters
-        self._guard = Guard(parameters, radius, limits, tick, period)
+        ticks = max(1, round(period / tick))
+        # The longest first: it forbids most.
+        held = range(ticks, 0, -1) if revised else [ticks]
+        self._guards = [Guard(parameters, radius, limits, tick, k * tick) for k in held]
         self._choices = np.array(choices, dtype=np.float64).reshape(-1, 2)
         most = np.abs(self._choices).max(axis=0, initial=0.0)
         self._scale = np.where(most > 0.0, most, 1.0)
@@ -101,8 +119,13 @@ class CommandGuard:
         sight: Sight,
         moved: ArrayLike = (0.0, 0.0, 0.0),
         age: float = 0.0,
+        choices: Callable[[], ArrayLike] | None = None,
+        scores: ArrayLike | None = None,
     ) -> tuple[Floats, bool]:
         """What to tell the base, (2,) m/s and rad/s, and whether it is ``command`` itself.
+
+        ``choices`` gives the (A, 2) that stand for those of this guard now; where ``scores`` (A,)
+        are given, the highest of the safe ones is taken instead of the nearest.
 
         ``velocity`` (2,): of the base when the command takes effect; ``moved`` (3,): where it is
         then, as seen from where it was when the scan was taken; ``age`` (s): how much older the
@@ -113,17 +136,28 @@ class CommandGuard:
         if not np.isfinite(wanted).all():
             return np.zeros(2), False
         echoes = _seen_from(np.asarray(moved, np.float64), sight.echoes)
-        candidates = np.concatenate([wanted[np.newaxis], self._choices])
-        safe = self._guard.safe(
-            candidates, np.array(velocity, np.float64), echoes, sight.movable, age
-        )
-        if safe[0]:
+        start = np.array(velocity, np.float64)
+        if self._safe(wanted[np.newaxis], start, echoes, sight.movable, age)[0]:
             return wanted, True
+        others = self._choices if choices is None else np.array(choices(), np.float64)
+        safe = self._safe(others, start, echoes, sight.movable, age)
         if not safe.any():
             return np.zeros(2), False
-        away = np.abs((self._choices - wanted) / self._scale).sum(axis=1)
-        chosen: Floats = self._choices[np.where(safe[1:], away, np.inf).argmin()].copy()
+        liked = -np.abs((others - wanted) / self._scale).sum(axis=1)
+        if scores is not None:
+            liked = np.asarray(scores, np.float64)
+        chosen: Floats = others[np.where(safe, liked, -np.inf).argmax()].copy()
         return chosen, False
+
+    def _safe(
+        self, commands: Floats, velocity: Floats, echoes: Floats, movable: Mask, age: float
+    ) -> Mask:
+        """Which of ``commands`` (A, 2) are safe, for however long they are held."""
+        safe = np.ones(len(commands), np.bool_)
+        for guard in self._guards:
+            if (left := np.flatnonzero(safe)).size:
+                safe[left] = guard.safe(commands[left], velocity, echoes, movable, age)
+        return safe
 
 
 def moved_by(velocity: ArrayLike, seconds: float, since: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:

@@ -12,6 +12,9 @@ from lndrl.robot.link import Quality, Topic
 from lndrl.robot.messages import MessageStore, missing_extra
 from lndrl.version import VERSION
 
+_CLOSES_WITHIN = 8.0
+"""s that a disk has at the end."""
+
 
 class Recorder:
     """Writes messages to ``path`` from a thread of its own, so that nobody waits for a disk.
@@ -40,7 +43,7 @@ class Recorder:
         self._writer.start(profile="ros2", library=f"lndrl {VERSION}")
         self._channels: dict[Topic, int] = {}
         self._queue: SimpleQueue[tuple[Topic, bytes, int] | None] = SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="lndrl-record")
+        self._thread = threading.Thread(target=self._work, name="lndrl-record", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> Recorder:
@@ -55,10 +58,14 @@ class Recorder:
             self._queue.put((topic, data, stamp))
 
     def close(self) -> None:
-        """Write what is left, and the file's end."""
+        """Write what is left, and the file's end, as far as the disk takes it within seconds."""
         if self._thread.is_alive():
             self._queue.put(None)
-            self._thread.join()
+            self._thread.join(_CLOSES_WITHIN)
+            if self._thread.is_alive():
+                self.failed = (
+                    f"recording ended early: the disk did not take it within {_CLOSES_WITHIN:g} s"
+                )
 
     def _work(self) -> None:
         try:
@@ -66,7 +73,7 @@ class Recorder:
                 self._add(*item)
             self._writer.finish()
             self._file.close()
-        except (OSError, ValueError) as error:
+        except Exception as error:  # whatever it is, the drive goes on
             self.failed = f"recording ended early: {getattr(error, 'strerror', None) or error}"
 
     def _add(self, topic: Topic, data: bytes, stamp: int) -> None:

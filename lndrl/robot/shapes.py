@@ -111,6 +111,9 @@ class RobotShape(Model):
     latency: Annotated[float, Field(ge=0, le=5)] = Field(
         0.1, description="s from the moment of a scan until a command of it is felt by the wheels"
     )
+    timeout: Annotated[float, Field(ge=0, le=5)] = Field(
+        0.5, description="s without a command after which the base brakes by itself; measure it"
+    )
     scanner: ScannerConfig = Field(description="its scanner")
     topics: TopicsConfig = Field(TopicsConfig(), description="where it is heard and told")
 
@@ -143,6 +146,26 @@ def world_of(shape: RobotShape) -> dict[str, Any]:
     """What a configuration's ``world`` would say to train for ``shape``, as far as it has keys."""
     limits = shape.acceleration.model_dump()
     return {"robot_radius": shape.reach, "robot": {"acceleration": limits}}
+
+
+def planned_for(shape: RobotShape, config: RunConfig) -> RunConfig:
+    """``config`` for a planner that plans with the size and the accelerations of ``shape``."""
+    robot = config.world.robot.model_copy(update={"acceleration": shape.acceleration})
+    world = config.world.model_copy(update={"robot_radius": shape.reach, "robot": robot})
+    return config.model_copy(update={"world": world})
+
+
+def rehearsed(shape: RobotShape, config: RunConfig) -> RunConfig:
+    """``config`` with a world in which a robot like ``shape`` drives, and sees what it sees."""
+    config, scanner = planned_for(shape, config), shape.scanner
+    laser = config.world.laser.model_copy(
+        update={
+            "beams": scanner.beams,
+            "field_of_view": scanner.field_of_view,
+            "range_max": scanner.range_max,
+        }
+    )
+    return config.model_copy(update={"world": config.world.model_copy(update={"laser": laser})})
 
 
 def differences(shape: RobotShape, config: RunConfig) -> list[str]:

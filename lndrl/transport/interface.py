@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
+from lndrl.transport.frames import Watching
 from lndrl.transport.messages import (
     Ack,
     ChunkHeader,
@@ -214,6 +215,14 @@ class ActorEndpoint(Protocol):
         """
         ...
 
+    def watched(self) -> bool:
+        """Whether somebody watches this actor's world now; may be asked in every step."""
+        ...
+
+    def show(self, frame: bytes) -> None:
+        """Send an encoded ``WorldFrame`` to whoever watches. Never waits or raises; may be lost."""
+        ...
+
     def close(self) -> None:
         """Leave; drops unsettled chunks (``flush`` first). Can be called twice."""
         ...
@@ -257,6 +266,13 @@ class ViewerEndpoint(Protocol):
         """Ask for one of ``operation.REQUESTS``; a sentence that says what comes of it.
 
         Raises UserError, with why, when nobody answers within ``timeout`` seconds.
+        """
+        ...
+
+    def watch(self, actor_id: str) -> Watching:
+        """Have that actor show a world of its own, until what is returned is closed.
+
+        Raises UserError when no learner can be reached.
         """
         ...
 

@@ -14,11 +14,17 @@ ACTORS = f"{PREFIX}/actors"
 VALIDATION = f"{PREFIX}/validation"
 OPERATION = f"{PREFIX}/operation"
 PING = f"{PREFIX}/ping"
+WORLDS = f"{PREFIX}/worlds"
 
 
 def upload_key(lane: str) -> str:
     """What all uploads of a ``lane`` begin with; the empty one is all there is without ranks."""
     return f"{UPLOAD}/{lane}" if lane else UPLOAD
+
+
+def world_key(actor_id: str) -> str:
+    """Under which an actor shows a world of its own."""
+    return f"{WORLDS}/{actor_id}"
 
 
 def in_namespace(key: str, namespace: str) -> str:

@@ -19,6 +19,7 @@ from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport.bookkeeper import Bookkeeper
 from lndrl.transport.desk import LearnerDesk, to_json
+from lndrl.transport.frames import WorldFrame, decode_frame
 from lndrl.transport.interface import (
     LearnerHandlers,
     LearnerUnreachableError,
@@ -53,6 +54,7 @@ class MemoryNetwork:
         self.desk: LearnerDesk | None = None
         self.actors: list[MemoryActor] = []
         self.viewers: list[queue.Queue[bytes]] = []
+        self.watchers: list[MemoryWatching] = []
         self.chunk_lock = threading.Lock()
         self.hello_lock = threading.Lock()
 
@@ -178,6 +180,19 @@ class MemoryActor(Bookkeeper):
         """Have as many uploads unsettled as the run's configuration says."""
         self.ledger.widen(config.upload_window)
 
+    def watched(self) -> bool:
+        """Whether somebody watches this actor's world."""
+        return bool(self._network.watchers) and any(self._watchers())
+
+    def show(self, frame: bytes) -> None:
+        """Leave a frame where those who watch find it."""
+        for watcher in self._watchers():
+            watcher.frame = frame
+
+    def _watchers(self) -> list[MemoryWatching]:
+        actor_id = self._hello.actor_id if self._hello is not None else ""
+        return [each for each in self._network.watchers if each.actor_id == actor_id]
+
     def flush(self, timeout: float) -> bool:
         """Send what waits."""
         deadline = time.monotonic() + timeout
@@ -277,6 +292,26 @@ class MemoryEvaluator:
         """Leave."""
 
 
+class MemoryWatching:
+    """See ``frames.Watching``."""
+
+    def __init__(self, network: MemoryNetwork, actor_id: str) -> None:
+        self.actor_id = actor_id
+        self.frame: bytes | None = None
+        self._network = network
+        network.watchers.append(self)
+
+    def newest(self) -> tuple[WorldFrame, dict[str, NDArray[Any]]] | None:
+        """The newest frame since the last call."""
+        frame, self.frame = self.frame, None
+        return None if frame is None else decode_frame(frame)
+
+    def close(self) -> None:
+        """Watch no longer."""
+        if self in self._network.watchers:
+            self._network.watchers.remove(self)
+
+
 class MemoryViewer:
     """A dashboard's side; see ``ViewerEndpoint``."""
 
@@ -302,6 +337,10 @@ class MemoryViewer:
         if desk is None:
             raise UserError("no learner runs in this process")
         return sentence_of(desk.answer_request(encode(Request(action, run_id, "this process"))))
+
+    def watch(self, actor_id: str) -> MemoryWatching:
+        """Watch an actor's world."""
+        return MemoryWatching(self._network, actor_id)
 
     def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:
         """Snapshots as they are published."""

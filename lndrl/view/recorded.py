@@ -54,7 +54,7 @@ def recorded_walk(file: Path) -> tuple[list[WorldSnapshot], str]:
 def _snapshots(kept: dict[str, np.ndarray]) -> list[WorldSnapshot]:
     cells = tuple(kept["cells"].tolist())
     occupied = np.unpackbits(kept["occupied"], count=int(np.prod(cells))).reshape(cells) == 1
-    still = {name: float(kept[name]) for name in _STILL}
+    still: dict[str, Any] = {name: float(kept[name]) for name in _STILL}
     paths = {name: kept[name][:, :2].astype(float) for name in ("pose_true", "pose_estimated")}
     people = kept["pedestrian_position"].astype(float)
     return [

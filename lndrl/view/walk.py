@@ -14,21 +14,37 @@ from lndrl.view.text import styled
 
 METRES = 0.2
 """m that a pixel is wide; a character is one pixel wide and two high."""
+FINEST = 0.05
+"""m of a pixel where a small place is drawn larger."""
 
-_FLOOR, _WALL, _PATH, _ECHO, _GOAL, _PERSON, _BELIEF, _ROBOT = range(8)
-_COLOURS = (FLOOR, WALL, SLATE, ECHO, GOAL, PERSON[""], BELIEF, TRUTH)
-_GLYPHS = " #.'GoeR"
+_FLOOR, _WALL, _PATH, _ECHO, _CLOUD, _GOAL, _PERSON, _BELIEF, _ROBOT, _LOST = range(10)
+_PARTICLE = "#F5CF85"
+LOST_MARK = "#A0006D"
+"""Darker than people, so that it stands out between them."""
+_COLOURS = (*(FLOOR, WALL, SLATE, ECHO, _PARTICLE, GOAL, PERSON[""], BELIEF, TRUTH, LOST_MARK),)
+_GLYPHS = " #.'*GoeRX"
 LEGEND = (("robot", _ROBOT), ("where it believes to be", _BELIEF), ("people", _PERSON),
           ("goal", _GOAL), ("laser", _ECHO))  # fmt: skip
+CLOUD_LEGEND = (LEGEND[0], ("belief", _BELIEF), ("particles", _CLOUD), *LEGEND[2:])
 
 
-def walk_picture(snapshot: WorldSnapshot, columns: int, rows: int, colours: bool = True) -> Text:
+def walk_picture(
+    snapshot: WorldSnapshot, columns: int, rows: int, colours: bool = True, cloud: bool = False
+) -> Text:
     """``snapshot`` around the robot in at most ``rows`` lines of at most ``columns`` characters.
 
     Colours fill half characters; without them each character is the letter of the most important
-    thing in it, as in the legend. A goal out of sight stands at the edge, in its direction.
+    thing in it, as in the legend. A goal out of sight stands at the edge, in its direction. With
+    the ``cloud`` of particles and, once it is lost, a cross where that happened; a place that would
+    leave room is then drawn larger.
     """
-    pixels = _pixels(snapshot, max(columns, 1), max(rows, 1))
+    columns, rows = max(columns, 1), max(rows, 1)
+    metres = METRES
+    if cloud:
+        width, height = snapshot.size
+        finest = max(width / columns, height / (2 * rows), FINEST, snapshot.resolution)
+        metres = min(finest, METRES)
+    pixels = _pixels(snapshot, columns, rows, cloud, metres)
     if colours:
         return half_blocks(pixels, _COLOURS)
     upper, lower = pixels[0::2], pixels[1::2]
@@ -50,10 +66,10 @@ def half_blocks(pixels: NDArray[np.uint8], colours: Sequence[str]) -> Text:
     return picture
 
 
-def walk_legend(colours: bool = True) -> Text:
+def walk_legend(colours: bool = True, cloud: bool = False) -> Text:
     """What the colours (or letters) of ``walk_picture`` mean, in one line."""
     legend = Text(no_wrap=True)
-    for word, code in LEGEND:
+    for word, code in CLOUD_LEGEND if cloud else LEGEND:
         sign = styled("■ ", _COLOURS[code]) if colours else Text(f"{_GLYPHS[code]} ")
         legend.append_text(sign).append(f"{word}   ")
     legend.rstrip()
@@ -84,17 +100,19 @@ def _append_row(
         picture.append("▀" * int(last - first), style=style)
 
 
-def _pixels(snapshot: WorldSnapshot, columns: int, rows: int) -> NDArray[np.uint8]:
+def _pixels(
+    snapshot: WorldSnapshot, columns: int, rows: int, cloud: bool = False, metres: float = METRES
+) -> NDArray[np.uint8]:
     """What is where, (2 * lines, characters), the highest y first; 0 is floor."""
     size = np.array(snapshot.size)
-    shape = np.minimum(np.ceil(size / METRES).astype(int), (columns, 2 * rows))
+    shape = np.minimum(np.ceil(size / metres - 1e-9).astype(int), (columns, 2 * rows))
     shape[1] += shape[1] % 2
-    span = shape * METRES
+    span = shape * metres
     low = np.clip(snapshot.pose_true[:2] - span / 2, 0.0, np.maximum(size - span, 0.0))
     drawn = np.zeros((shape[1], shape[0]), np.uint8)
 
     def dots(points: NDArray[np.float64], code: int) -> None:
-        index = np.floor((points.reshape(-1, 2) - low) / METRES).astype(int)
+        index = np.floor((points.reshape(-1, 2) - low) / metres).astype(int)
         index = index[((index >= 0) & (index < shape)).all(axis=1)]
         drawn[index[:, 1], index[:, 0]] = code
 
@@ -103,19 +121,27 @@ def _pixels(snapshot: WorldSnapshot, columns: int, rows: int) -> NDArray[np.uint
     dots(np.asarray(snapshot.origin) + cells * snapshot.resolution, _WALL)
     dots(snapshot.path, _PATH)
     dots(_echoes(snapshot), _ECHO)
-    edge = np.clip(snapshot.goal, low + METRES / 2, low + span - METRES / 2)
-    dots(edge + disc(snapshot.arrive_distance if (edge == snapshot.goal).all() else 0.0), _GOAL)
+    if cloud:
+        dots(snapshot.particles[:, :2], _CLOUD)
+    edge = np.clip(snapshot.goal, low + metres / 2, low + span - metres / 2)
+    inside = (edge == snapshot.goal).all()
+    dots(edge + disc(snapshot.arrive_distance if inside else 0.0, metres), _GOAL)
     for person in snapshot.pedestrian_position:
-        dots(person + disc(snapshot.pedestrian_radius), _PERSON)
+        dots(person + disc(snapshot.pedestrian_radius, metres), _PERSON)
     nose = snapshot.pose_true[:2] + 0.35 * direction(snapshot.pose_true[2])
-    dots(np.vstack([snapshot.pose_true[:2] + disc(snapshot.robot_radius), nose]), _ROBOT)
+    dots(np.vstack([snapshot.pose_true[:2] + disc(snapshot.robot_radius, metres), nose]), _ROBOT)
     dots(snapshot.pose_estimated[:2], _BELIEF)
+    if cloud and snapshot.outcome == "lost":
+        dots(snapshot.pose_true[:2] + metres * _CROSS, _LOST)
     return drawn[::-1]
 
 
-def disc(radius: float) -> NDArray[np.float64]:
+_CROSS = np.array([[i, s * i] for i in range(-3, 4) for s in (-1, 1)], np.float64)
+
+
+def disc(radius: float, metres: float = METRES) -> NDArray[np.float64]:
     """Points (n, 2) of a disc around the origin, its centre at least."""
-    side = np.arange(-radius, radius + 1e-9, METRES / 2) if radius > 0.0 else np.zeros(1)
+    side = np.arange(-radius, radius + 1e-9, metres / 2) if radius > 0.0 else np.zeros(1)
     x, y = np.meshgrid(side, side)
     inside = x * x + y * y <= radius * radius
     return np.vstack([np.zeros((1, 2)), np.stack([x[inside], y[inside]], axis=1)])

@@ -23,7 +23,7 @@ from lndrl.errors import UserError
 from lndrl.evaluation.sweep.processes import this_program
 
 CUT = float(os.environ.get("LNDRL_CUT", "4"))
-PATIENCE = 240.0  # s, for machines with much else to do
+PATIENCE = 600.0  # s, for machines with much else to do
 WHY_NOT = missing(nat=True)
 needs_hosts = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT or "there are hosts")
 

@@ -1,5 +1,5 @@
 """``lndrl bench dashboard``: what a viewer costs."""
 
-from lndrl.bench.dashboard.viewer import measure
+from lndrl.bench.dashboard.all import measure
 
 __all__ = ["measure"]

@@ -32,7 +32,7 @@ class Plan:
     networks stay as they are; real: the learner learns. ``every``: s between two chunks of an
     actor, None for as many as make RATE. ``seconds``: timed s of a row, at least. ``link``: between
     learner and actors, in namespaces of their own; None for none. ``site``: actors come through a
-    site's door.
+    site's door. ``model``: measure first what a chunk costs, and predict the rows from it.
     """
 
     actors: tuple[int, ...]
@@ -41,6 +41,7 @@ class Plan:
     seconds: float = 10.0
     link: LinkPlan | None = None
     site: bool = False
+    model: bool = False
 
     def period(self, samples: int) -> float:
         """s between two chunks of ``samples`` control steps that an actor offers."""
@@ -75,7 +76,10 @@ def plan_of(
         raise UserError(f"--update {update}: must be {' or '.join(UPDATES)}")
     if every is not None and not every > 0:
         raise UserError(f"--every {every:g}: must be above 0")
-    return Plan(tuple(numbers), update, every, seconds, _link_of(link, congestion), site)
+    far = _link_of(link, congestion)
+    # The model is of the door: what an optimizer takes and what a wire carries are other limits.
+    near = update == "drain" and far is None and not site
+    return Plan(tuple(numbers), update, every, seconds, far, site, model=near)
 
 
 def _link_of(link: str | None, congestion: str) -> LinkPlan | None:

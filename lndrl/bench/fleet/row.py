@@ -11,13 +11,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
 from itertools import pairwise
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
-from lndrl.bench.fleet import door, play, serve
+from lndrl.bench.fleet import door, model, play, serve
 from lndrl.bench.fleet.plan import LinkPlan, Plan
 from lndrl.bench.fleet.scene import fleet_config
 from lndrl.bench.scene import settings as asked_for
@@ -51,16 +52,33 @@ def measure(plan: Plan, show: Callable[[str], None] = lambda line: None) -> Iter
     it or a newer one, None where some had not within 180 s; ``lost``: samples that were
     acknowledged and are not in the learner's ledger as trained, dropped by a rule or waiting at
     the end; ``learner_rss_mb``, ``learner_cores``: memory and CPU time per s of the learner's
-    process; ``status_p99_ms``: of the answer to a dashboard. Raises UserError when a process does
-    not get going.
+    process; ``status_p99_ms``: of the answer to a dashboard; ``predicted_steps_per_second``: by the
+    model, None where ``plan`` wants none. Raises UserError when a process does not get going.
     """
+    cost = None
+    if plan.model:
+        show("a full door, for the model")
+        full = replace(plan, every=model.EVERY, model=False)
+        horizon = fleet_config(asked_for()).actor.horizon
+        cost = model.calibrated(lambda worlds: _row(full, model.SENDERS, show, worlds), horizon)
     for actors in plan.actors:
-        with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as place:
-            yield _row(plan, actors, Path(place), show)
+        row = _row(plan, actors, show)
+        samples = row["worlds"] * row["horizon"]
+        offered = row["offered_steps_per_second"]
+        told = None if cost is None else cost.steps_per_second(offered, samples)
+        yield row | {"predicted_steps_per_second": told}
 
 
-def _row(plan: Plan, actors: int, folder: Path, show: Callable[[str], None]) -> Row:
-    config = fleet_config(asked_for())
+def _row(plan: Plan, actors: int, show: Callable[[str], None], worlds: int | None = None) -> Row:
+    """A row of so many ``actors``; ``worlds`` of each: None for as many as they would have."""
+    more = [] if worlds is None else [f"actor.worlds={worlds}"]
+    with tempfile.TemporaryDirectory(prefix="lndrl-bench-") as place:
+        return _measured(plan, actors, fleet_config([*asked_for(), *more]), Path(place), show)
+
+
+def _measured(
+    plan: Plan, actors: int, config: RunConfig, folder: Path, show: Callable[[str], None]
+) -> Row:
     endpoint = f"tcp/{_LEARNER}:7447" if plan.link else free_endpoint()
     transport = config.transport.model_copy(update={"endpoint": endpoint})
     config = config.model_copy(update={"transport": transport})
@@ -87,7 +105,8 @@ def _row(plan: Plan, actors: int, folder: Path, show: Callable[[str], None]) -> 
         _tell_all(crowd, "begin")
         if plan.update == "real":
             _tell_all(crowd, "fetch", 0)
-        row = {"actors": actors, "update": plan.update, "worlds": worlds}
+        row: Row = {"actors": actors, "update": plan.update, "worlds": worlds}
+        row["horizon"] = config.actor.horizon
         row["chunk_kb"] = len(chunk.read_bytes()) / 1e3
         row["offered_steps_per_second"] = actors * samples / period
         show(f"{actors} actors send")

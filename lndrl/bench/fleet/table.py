@@ -14,6 +14,7 @@ _COLUMNS = {
     "worlds": "worlds",
     "offered_steps_per_second": "offered/s",
     "steps_per_second": "steps/s",
+    "predicted_steps_per_second": "by the model",
     "efficiency": "of linear",
     "ack_p50_ms": "ack p50 ms",
     "ack_p99_ms": "p99 ms",

@@ -14,9 +14,11 @@ CASES: dict[str, Adversity] = {
     "at once": Adversity(),
     "turtlebot2": Adversity(limits=(1.0, 1.0, 2.0)),
     "late": Adversity(limits=(1.0, 1.0, 2.0), latency=2),
+    "as driven": Adversity(limits=(1.0, 1.0, 2.0), latency=1, ticks_per_step=1, holds=5),
     "alone": Adversity(bodies=0),
 }
-"""Robots that stop at once, that brake, that also act on scans that are 0.2 s old; and nobody."""
+"""Robots that stop at once, that brake, that also act on scans that are 0.2 s old; commands that
+``lndrl drive`` revises with every scan; and nobody."""
 STEPS = 1_000_000
 """Control steps that the guarantee is tested by, over all cases together."""
 _CHUNK = 500

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -47,6 +47,10 @@ Docs = Annotated[
 @telling(lambda: f"nothing was written; begin again with: {same_command()}")
 def weights(
     run: Annotated[str, typer.Argument(metavar="RUN_OR_WEIGHTS", help="What is to be shipped.")],
+    name: Annotated[
+        Literal["shipped", "shipped-robot"],
+        typer.Option("--as", help="Its name; shipped-robot has a model card of its own."),
+    ] = "shipped",
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Default: the package's own policy.", show_default=False),
@@ -73,9 +77,18 @@ def weights(
     Both are compared on observations that the policy meets, and in the same episodes; the
     figures go into the model card.
     """
-    from lndrl.evaluation.shipping import Card, docs_folder, training_facts, weights_facts
+    from lndrl.config.shipped import SHIPPED_POLICY
+    from lndrl.evaluation.shipping import (
+        CARD,
+        ROBOT_CARD,
+        Card,
+        docs_folder,
+        training_facts,
+        weights_facts,
+    )
     from lndrl.policy.shipped import (
         LARGEST_FILE,
+        ROBOT_FILE,
         SHIPPED_FILE,
         WALK_FILE,
         narrowed,
@@ -95,7 +108,8 @@ def weights(
     if agreement.complaints:
         typer.echo(f"nothing was written: {'; '.join(agreement.complaints)}", err=True)
         raise typer.Exit(1)
-    target = out or SHIPPED_FILE
+    usual = name == SHIPPED_POLICY
+    target = out or (SHIPPED_FILE if usual else ROBOT_FILE)
     try:
         target.write_bytes(half)
     except OSError as error:
@@ -105,9 +119,11 @@ def weights(
         training_facts(source.config, metadata),
         agreement.to_dict(),
     )
-    card.write(folder)
-    _record(shipped, target.with_name(WALK_FILE.name), card.weights["sha256"])
-    typer.echo(f"{target}: {len(half):,} bytes; next: lndrl ship results")
+    card.write(folder, CARD if usual else ROBOT_CARD)
+    if usual:
+        _record(shipped, target.with_name(WALK_FILE.name), card.weights["sha256"])
+    following = "lndrl ship results" if usual else "lndrl benchmark --spec benchmark-robot"
+    typer.echo(f"{target}: {len(half):,} bytes; next: {following}")
 
 
 @ship.command("results")
@@ -157,11 +173,13 @@ def results(
 
 @ship.command("card")
 def card(docs: Docs = None) -> None:
-    """Write the tables of the model card anew from model-card.json; measure nothing."""
-    from lndrl.evaluation.shipping import Card, docs_folder
+    """Write the tables of the model cards anew from their JSON files; measure nothing."""
+    from lndrl.evaluation.shipping import CARD, ROBOT_CARD, Card, docs_folder
 
     folder = docs or docs_folder()
-    Card.read(folder).write(folder)
+    for stem in (CARD, ROBOT_CARD):
+        if (folder / f"{stem}.json").is_file():
+            Card.read(folder, stem).write(folder, stem)
 
 
 def _to_ship(run: str, temperature: float | None) -> tuple[PlannerSource, dict[str, str]]:

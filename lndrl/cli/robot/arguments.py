@@ -11,6 +11,9 @@ import typer
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
+    from lndrl.localization import Scanner
+    from lndrl.planners import GuardConfig
+    from lndrl.robot.shapes import RobotShape
     from lndrl.robot.topics import Topics
 
 Dialect = Literal["rmw", "bridge"]
@@ -48,6 +51,31 @@ TopicOption = Annotated[
         show_default=False,
     ),
 ]
+RobotOption = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        metavar="NAME|FILE",
+        help="What it is like: turtlebot2, turtlebot3-burger, turtlebot4, generic, or a YAML file:"
+        " size, speeds, accelerations, scanner, topics. Other options win.",
+        show_default=False,
+    ),
+]
+FilterOption = Annotated[
+    str,
+    typer.Option(
+        "--filter",
+        metavar="PRESET",
+        help="Of our filter: robot, best, paper; trained: as the policy was trained.",
+    ),
+]
+GuardSwitch = Annotated[
+    bool,
+    typer.Option(
+        "--guard/--no-guard",
+        help="Let no command through that could end in a touch of what is seen (docs/guard.md).",
+    ),
+]
 OverlayOption = Annotated[
     Path | None,
     typer.Option(
@@ -57,10 +85,13 @@ OverlayOption = Annotated[
 ]  # fmt: skip
 
 
-def topics_of(topic: list[str] | None, namespace: str) -> Topics:
-    """The topics that ``--topic`` and ``--namespace`` ask for; raises UserError."""
+def topics_of(topic: list[str] | None, namespace: str, robot: RobotShape | None = None) -> Topics:
+    """The topics that ``--topic`` and ``--namespace`` ask for, else those of ``robot``.
+
+    Raises UserError.
+    """
+    from lndrl.robot.fitting import fitted_topics
     from lndrl.robot.link import RELIABLE, Topic
-    from lndrl.robot.topics import Topics
 
     changes = {}
     for text in topic or []:
@@ -71,7 +102,28 @@ def topics_of(topic: list[str] | None, namespace: str) -> Topics:
     space = namespace.strip("/")
     if space:
         Topic(f"/{space}", "std_msgs/msg/String")
-    return Topics().within(space).renamed(changes)
+    return fitted_topics(robot).within(space).renamed(changes)
+
+
+def robot_named(name: str | None) -> RobotShape | None:
+    """The robot of ``--robot``; raises UserError."""
+    from lndrl.robot.shapes import load_shape
+
+    return None if name is None else load_shape(name)
+
+
+def drive_guard(
+    wanted: bool, settings: list[str] | None, robot: RobotShape | None
+) -> GuardConfig | None:
+    """The guard that ``--guard`` and ``--guard-set`` ask for; raises UserError."""
+    from lndrl.cli.options import part_settings
+    from lndrl.robot.fitting import guard_bounds
+
+    if not wanted:
+        if settings:
+            raise UserError("--guard-set goes with the guard, which --no-guard turns off")
+        return None
+    return guard_bounds(robot, part_settings(settings, "--guard-set"))
 
 
 def numbers_in(text: str, count: int, option: str, example: str) -> tuple[float, ...]:
@@ -86,10 +138,12 @@ def numbers_in(text: str, count: int, option: str, example: str) -> tuple[float,
     return found
 
 
-def scanner_in(text: str) -> tuple[float, float, float, bool]:
+def scanner_in(text: str) -> Scanner:
     """``X,Y,YAW`` (m, m, degrees), perhaps with ``,upside-down``; raises UserError."""
+    from lndrl.localization import Scanner
+
     upside_down = text.endswith(",upside-down")
     x, y, yaw = numbers_in(
         text.removesuffix(",upside-down"), 3, "--scanner", "0.1,0,180 or 0.1,0,180,upside-down"
     )
-    return x, y, math.radians(yaw), upside_down
+    return Scanner(x, y, math.radians(yaw), upside_down)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_format
-import time
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from lndrl.cli.options import (
+    GuardSettings,
     PlannerSettings,
     ShieldOption,
     ShieldSettings,
@@ -26,23 +24,19 @@ from lndrl.cli.robot.arguments import (
     DialectOption,
     DistributionOption,
     DomainOption,
+    FilterOption,
+    GuardSwitch,
     NamespaceOption,
     OverlayOption,
+    RobotOption,
     TopicOption,
+    drive_guard,
     numbers_in,
+    robot_named,
     scanner_in,
     topics_of,
 )
-from lndrl.cli.signals import say, stop_on_signals
 from lndrl.errors import UserError
-
-if TYPE_CHECKING:
-    from lndrl.robot.driving import DriveService
-    from lndrl.robot.driving.assembly import DriveOptions
-    from lndrl.robot.link import Address
-
-_STAYS = 0.5
-"""s for which a robot at its only goal is told to stop, before the program leaves."""
 
 
 def drive(
@@ -77,15 +71,10 @@ def drive(
         Literal["own", "robot"],
         typer.Option(help="Our particle filter, or what the robot says on /amcl_pose."),
     ] = "own",
-    filter_: Annotated[
-        str | None,
-        typer.Option(
-            "--filter",
-            metavar="PRESET",
-            help="Of our filter, e.g. best; default: as trained.",
-            show_default=False,
-        ),
-    ] = None,
+    filter_: FilterOption = "robot",
+    robot: RobotOption = None,
+    guard: GuardSwitch = True,
+    guard_set: GuardSettings = None,
     map_file: Annotated[
         Path | None,
         typer.Option("--map", metavar="FILE.yaml", help="A map of your own.", show_default=False),
@@ -166,11 +155,13 @@ def drive(
     """Drive a ROS 2 robot by a policy, over Zenoh, from a machine without ROS.
 
     The robot needs a Zenoh router (rmw_zenohd) or zenoh-bridge-ros2dds. It stands whenever anything
-    is wrong, and says why (docs/robot.md). Ctrl-C stops it. The policy is no safety device: keep
-    the robot's emergency stop at hand.
+    is wrong, and says why (docs/robot.md). Ctrl-C stops it. Neither the policy nor the guard is a
+    safety device: keep the robot's emergency stop at hand.
     """
+    from lndrl.cli.robot.session import DriveSession
     from lndrl.robot.driving import Limits, Trust
     from lndrl.robot.driving.assembly import DriveOptions
+    from lndrl.robot.fitting import fitted_limits
     from lndrl.robot.link import Address, Topic
 
     if enable_button is not None and enable_topic is None:
@@ -179,19 +170,33 @@ def drive(
         Topic(enable_topic, "std_msgs/msg/Bool")
     if not 0.05 <= stale <= 5.0:
         raise UserError(f"--stale {stale:g}: must be 0.05 to 5 s")
-    given = {"pose": None, "goal": None, "scanner": None} | _places(pose, goal, scanner)
+    shape = robot_named(robot)
+    asked = Limits(max_speed, max_turn, acceleration, turn_acceleration)
     options = DriveOptions(
-        topics_of(topic, namespace), localization, filter_, given["pose"], given["goal"], map_file,
-        given["scanner"], people == "tracked", enable_topic, enable_button,
-        Limits(max_speed, max_turn, acceleration, turn_acceleration), Trust(stale=stale), sim_time,
-        greedy, seed,
-    )  # fmt: skip
+        topics=topics_of(topic, namespace, shape),
+        localization=localization,
+        preset=filter_,
+        map_file=map_file,
+        robot=shape,
+        guard=drive_guard(guard, guard_set, shape),
+        people=people == "tracked",
+        enable_topic=enable_topic,
+        enable_button=enable_button,
+        limits=fitted_limits(asked, shape),
+        trust=Trust(stale=stale),
+        sim_time=sim_time,
+        greedy=greedy,
+        seed=seed,
+        **_places(pose, goal, scanner),
+    )
     address = Address(
         check_endpoint(connect, "--connect"), dialect, distribution, domain, zenoh, timeout
     )
     trust(trust_modules)
     source = _source(policy, planner_set, checkpoint, shield, shield_set, temperature, greedy)
-    _drive(source, options, address, record, seconds, plain, json)
+    session = DriveSession(source, options, address, record, seconds)
+    session.note(robot, asked)
+    session.run(plain, json)
 
 
 def _places(pose: str | None, goal: str | None, scanner: str | None) -> dict[str, Any]:
@@ -225,93 +230,3 @@ def _source(
         shield_config(shield, shield_set), temperature, greedy,
     )  # fmt: skip
     return source
-
-
-def _drive(
-    source: Any,
-    options: DriveOptions,
-    address: Address,
-    record: Path | None,
-    seconds: float | None,
-    plain: bool,
-    json: bool,
-) -> None:
-    from lndrl.cli.robot.live import screen
-    from lndrl.evaluation import settings_for
-    from lndrl.policy.acting import act_on_one_thread
-    from lndrl.robot.driving.assembly import drive_config, make_pilot, make_service
-    from lndrl.robot.link import open_link
-    from lndrl.robot.messages import MessageStore
-    from lndrl.robot.recording import Recorder
-    from lndrl.view.progress import StatusLine
-
-    config = drive_config(settings_for(source), options)
-    MessageStore("jazzy")  # says what is not installed, before anything takes time
-    with StatusLine() as line:
-        line.update(f"loading {source.title}")
-        if source.weights is not None:
-            act_on_one_thread(config)
-        pilot = make_pilot(source, config, options)
-        line.update(f"connecting to {address.endpoint}")
-        link = open_link(address, "lndrl_drive")
-    for note in options.limits.notes(tuple(abs(pilot.actions).max(axis=0).tolist())):
-        say(f"note: {note}")
-    with ExitStack() as open_, stop_on_signals("the robot is told to stop") as stop, link:
-        recorder = None
-        if record is not None:
-            recorder = open_.enter_context(Recorder(record, link.store))
-        service = make_service(link, pilot, options, recorder)
-        over = _over(service, options.goal is not None, seconds)
-        head = f"{source.title} drives {address.endpoint} ({link.dialect.name})"
-        with screen(head, service, plain or json) as show:
-            service.run(stop, show, over)
-        exit_code = stop.exit_code
-    _say_result(service, recorder, json)
-    if exit_code:
-        raise typer.Exit(exit_code)
-
-
-def _over(service: DriveService, single: bool, seconds: float | None) -> Any:
-    """Whether to leave: the time is over, or the only goal reached, and the robot told so."""
-    began = time.monotonic()
-    arrived: list[float] = []
-
-    def over() -> bool:
-        now = time.monotonic()
-        if seconds is not None and now - began >= seconds:
-            return True
-        if single and service.driver.arrived:
-            arrived.append(now)
-            return now - arrived[0] >= _STAYS
-        arrived.clear()
-        return False
-
-    return over
-
-
-def _say_result(service: DriveService, recorder: Any, json: bool) -> None:
-    import numpy as np
-
-    tally, latencies = service.driver.tally, np.array(service.latencies)
-    content: dict[str, Any] = {
-        "arrivals": tally.arrivals,
-        "decisions": tally.decisions,
-        "distance": tally.distance,
-        "stops": tally.stops,
-    }
-    if len(latencies):
-        median, worst = np.percentile(latencies, [50, 99]) * 1000.0
-        content["latency_milliseconds"] = {"median": median, "p99": worst}
-    if recorder is not None:
-        content["recorded_messages"] = recorder.messages
-    if json:
-        typer.echo(json_format.dumps(content, indent=2))
-        return
-    stops = ", ".join(f"{name} {count}" for name, count in tally.stops.items())
-    typer.echo(
-        f"{tally.arrivals} arrived, {tally.distance:.1f} m, {tally.decisions} decisions"
-        + (f", scan to command {median:.1f} ms, p99 {worst:.1f} ms" if len(latencies) else "")
-        + (f"; stopped by {stops}" if stops else "")
-    )
-    if recorder is not None:
-        typer.echo(recorder.failed or f"{recorder.messages:,} messages recorded")

@@ -11,11 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from lndrl.cli.again import same_command
-from lndrl.cli.options import TrustModules, WhichCheckpoint, check_picture, trust
+from lndrl.cli.options import GuardSettings, TrustModules, WhichCheckpoint, check_picture, trust
 from lndrl.cli.robot.arguments import (
+    FilterOption,
+    GuardSwitch,
     NamespaceOption,
+    RobotOption,
     TopicOption,
+    drive_guard,
     numbers_in,
+    robot_named,
     scanner_in,
     topics_of,
 )
@@ -37,15 +42,10 @@ def replay(
     localization: Annotated[
         Literal["own", "robot"], typer.Option(help="Our particle filter, or /amcl_pose.")
     ] = "own",
-    filter_: Annotated[
-        str | None,
-        typer.Option(
-            "--filter",
-            metavar="PRESET",
-            help="Of our filter; default: as trained.",
-            show_default=False,
-        ),
-    ] = None,
+    filter_: FilterOption = "robot",
+    robot: RobotOption = None,
+    guard: GuardSwitch = True,
+    guard_set: GuardSettings = None,
     pose: Annotated[
         str | None,
         typer.Option(
@@ -95,27 +95,34 @@ def replay(
 
     Nothing moves: what the policy would have asked for is held against what was recorded.
     """
+    from lndrl.robot.driving import Limits
     from lndrl.robot.driving.assembly import DriveOptions
+    from lndrl.robot.fitting import fitted_limits
 
     if out is not None:
         check_picture(out, ".png")
     if csv is not None and (csv.suffix != ".csv" or not csv.parent.is_dir()):
         raise UserError(f"--csv {csv}: must end in .csv, in a folder that exists")
     x_y_yaw = numbers_in(pose, 3, "--pose", "1.0,2.0,90") if pose is not None else None
+    shape = robot_named(robot)
     options = DriveOptions(
-        topics=topics_of(topic, namespace),
+        topics=topics_of(topic, namespace, shape),
         localization=localization,
         preset=filter_,
         pose=None if x_y_yaw is None else (x_y_yaw[0], x_y_yaw[1], math.radians(x_y_yaw[2])),
         goal=None if goal is None else numbers_in(goal, 2, "--goal", "4.0,1.5"),  # type: ignore[arg-type]
         map_file=map_file,
+        robot=shape,
         scanner=None if scanner is None else scanner_in(scanner),
+        guard=drive_guard(guard, guard_set, shape),
+        limits=fitted_limits(Limits(), shape),
         greedy=greedy,
         seed=seed,
     )
     trust(trust_modules)
     result = _replay(bag, policy, checkpoint, options, reference)
-    title = f"{bag.name}: {policy}, {filter_ or 'filter as trained'}"
+    heard = f"filter {filter_}" if localization == "own" else "the robot's own poses"
+    title = f"{bag.name}: {policy}, {heard}, {'guard' if guard else 'no guard'}"
     _show(result, title, out, csv, json)
 
 
@@ -128,13 +135,17 @@ def _replay(
     from lndrl.robot.bags import Bag
     from lndrl.robot.bags import replay as play
     from lndrl.robot.driving.assembly import DriveOptions, drive_config, make_driver, make_pilot
+    from lndrl.robot.shapes import planned_for
     from lndrl.view.progress import StatusLine
 
     assert isinstance(options, DriveOptions)
     with Bag(bag, options.topics, reference) as opened, StatusLine() as line:
         line.update(f"loading {policy}")
         (source,) = planner_sources([policy], {}, checkpoint, None, None, options.greedy)
-        config = drive_config(settings_for(source), options)
+        config = settings_for(source)
+        if options.robot is not None and source.weights is None:
+            config = planned_for(options.robot, config)
+        config = drive_config(config, options)
         if source.weights is not None:
             act_on_one_thread(config)
         pilot = make_pilot(source, config, options)

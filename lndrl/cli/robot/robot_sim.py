@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_format
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -14,17 +15,22 @@ from lndrl.cli.robot.arguments import (
     DomainOption,
     NamespaceOption,
     OverlayOption,
+    RobotOption,
     TopicOption,
     numbers_in,
+    robot_named,
     scanner_in,
     topics_of,
 )
-from lndrl.cli.signals import say, stop_on_signals
+from lndrl.cli.signals import last_resort, say, stop_on_signals
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
     from lndrl.config import RunConfig
     from lndrl.robot.stand_in import Conditions, DrivenEpisode
+
+_ENDS_WITHIN = 20.0
+"""s that an orderly end may take."""
 
 
 def robot_sim(
@@ -74,12 +80,15 @@ def robot_sim(
     stamped: Annotated[
         bool, typer.Option("--stamped", help="It wants commands as TwistStamped.")
     ] = False,
+    robot: RobotOption = None,
     scanner: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="X,Y,DEGREES[,upside-down]", help="Where the scanner is, told on /tf_static."
+            metavar="X,Y,DEGREES[,upside-down]",
+            help="Where the scanner is, told on /tf_static; default: as --robot, else 0,0,0.",
+            show_default=False,
         ),
-    ] = "0,0,0",
+    ] = None,
     delay: Annotated[float, typer.Option(metavar="S", help="Sensors are so late.")] = 0.0,
     jitter: Annotated[float, typer.Option(metavar="S", help="Deviation of that.")] = 0.0,
     loss: Annotated[float, typer.Option(metavar="SHARE", help="Of sensors' messages.")] = 0.0,
@@ -95,8 +104,13 @@ def robot_sim(
         ),
     ] = None,
     command_timeout: Annotated[
-        float, typer.Option(metavar="S", help="It stops by itself without a command for so long.")
-    ] = 0.5,
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="It stops by itself without a command for so long; default: as --robot, else 0.5.",
+            show_default=False,
+        ),
+    ] = None,
     zenoh: OverlayOption = None,
     insecure: Annotated[
         bool, typer.Option("--insecure", help="Listen beyond this machine, unprotected.")
@@ -107,27 +121,45 @@ def robot_sim(
 
     Scan, odometry, tf, map, people, start and goal over Zenoh; drive it from another terminal with
     lndrl drive, or anything else that speaks to robots. It judges episodes as lndrl evaluate does.
+    With --robot it has that robot's size, brakes, scanner and topics.
     """
     from lndrl.robot.link import Address, open_link
-    from lndrl.robot.stand_in import Body, Rehearsal, Scanner, StandIn
+    from lndrl.robot.shapes import rehearsed
+    from lndrl.robot.stand_in import Body, Rehearsal, StandIn
 
     address = Address(
         check_endpoint(listen, "--listen"), dialect or "rmw", distribution or "jazzy", domain,
         zenoh, listen=True, insecure=insecure,
     )  # fmt: skip
+    shape = robot_named(robot)
+    if shape is not None:
+        stamped = stamped or shape.topics.stamped
+    if command_timeout is None:
+        command_timeout = 0.5 if shape is None else shape.timeout
     rehearsal = Rehearsal(
         episodes, None if fast else pace, clock or fast, goals, people, stamped, command_timeout,
         conditions=_conditions(delay, jitter, loss, clock_offset, mute),
     )  # fmt: skip
-    topics = topics_of(topic, namespace)
+    topics = topics_of(topic, namespace, shape)
     config = _config(policy, scenario, seed)
-    say(f"robot-sim: {config.scenario.name}, as {policy} was trained; loading")
-    body = Body(config, Scanner(*scanner_in(scanner)), amcl)
+    mount = None if scanner is None else scanner_in(scanner)
+    fastest = None
+    if shape is not None:
+        config, own = rehearsed(shape, config), shape.scanner.scanner()
+        mount = own if mount is None else replace(mount, range_min=own.range_min)
+        fastest = shape.speed.linear, shape.speed.angular
+    like = f"as {policy} was trained" if shape is None else shape.description or f"as {robot}"
+    say(f"robot-sim: {config.scenario.name}, {like}; loading")
+    body = Body(config, mount, amcl, fastest)
 
     def told(record: DrivenEpisode) -> None:
         typer.echo(json_format.dumps(record.to_dict()) if json else _line(record))
 
-    with stop_on_signals("the robot stops") as stop, open_link(address, "robot_sim") as link:
+    with (
+        last_resort(_ENDS_WITHIN),
+        stop_on_signals("the robot stops") as stop,
+        open_link(address, "robot_sim") as link,
+    ):
         stand_in = StandIn(link, body, rehearsal, topics)
         say(f"robot-sim: listens at {listen}, dialect {address.dialect}; waiting for a driver")
         records = stand_in.run(stop, told)
@@ -165,10 +197,15 @@ def _conditions(
 
 
 def _line(record: DrivenEpisode) -> str:
+    how = "walked into where it stood," if _walked_into(record) else record.outcome
     return (
-        f"episode {record.episode}: {record.outcome} after {record.time:.1f} s and "
+        f"episode {record.episode}: {how} after {record.time:.1f} s and "
         f"{record.distance:.1f} m, position error {record.position_error:.2f} m"
     )
+
+
+def _walked_into(record: DrivenEpisode) -> bool:
+    return record.outcome == "collided" and record.stood
 
 
 def _summary(records: list[DrivenEpisode]) -> str:
@@ -178,4 +215,5 @@ def _summary(records: list[DrivenEpisode]) -> str:
         for each in ("arrived", "collided", "lost", "timeout")
     }
     said = ", ".join(f"{number} {outcome}" for outcome, number in ends.items() if number)
-    return f"{count} episodes: {said}"
+    into = sum(map(_walked_into, records))
+    return f"{count} episodes: {said}" + (f"; {into} walked into where it stood" if into else "")

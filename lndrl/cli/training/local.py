@@ -13,7 +13,7 @@ from lndrl import kernels
 from lndrl.cli.signals import say
 from lndrl.config import RunConfig
 from lndrl.errors import UserError
-from lndrl.transport import reachable
+from lndrl.transport import open_viewer, reachable
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from learner.ppo.team import Team
     from learner.run.record import RunSummary
     from lndrl.cli.signals import Stop
-    from lndrl.transport import Security
+    from lndrl.transport import Security, ViewerEndpoint
+    from lndrl.transport.frames import Watching
     from lndrl.transport.status import Status
+    from lndrl.view.dashboard.feed import News
 
 _TICK = 0.25  # s between looks at the fleet and redraws
 
@@ -163,7 +165,7 @@ def _supervise(
     evaluator = _Evaluator(config, learner, guards[0] if guards else None)
     adapts = config.actor.count == "auto" and config.learner.mode == "async"
     balance = Balance(most=cores) if adapts else None
-    show = _Screen(learner) if dashboard else _Lines(learner)
+    show = _Screen(learner, guards[0] if guards else None) if dashboard else _Lines(learner)
     try:
         with show:
             fleet.start()
@@ -177,7 +179,7 @@ def _supervise(
                 if balance is not None:
                     _keep_balance(balance, fleet, learner)
                 evaluator.poll(fleet)
-                time.sleep(_TICK)
+                show.rest(_TICK)
             stop.set()
             thread.join()
             show.update()
@@ -271,6 +273,10 @@ class _Lines:
         with suppress(OSError):
             sys.stdout.flush()
 
+    def rest(self, seconds: float) -> None:
+        """Wait."""
+        time.sleep(seconds)
+
     def update(self) -> None:
         """Print if there is news."""
         from lndrl.view.dashboard.screen import plain_line
@@ -287,10 +293,12 @@ class _Lines:
 class _Screen:
     """The dashboard, drawn in this terminal, with its keys but for q: Ctrl-C ends a training."""
 
-    def __init__(self, learner: Learner) -> None:
+    def __init__(self, learner: Learner, security: Security | None) -> None:
         from rich.console import Console
 
-        self._learner = learner
+        self._learner, self._security = learner, security
+        self._viewer: ViewerEndpoint | None = None
+        self._news: News | None = None
         self._console = Console(highlight=False)
         self._stack = ExitStack()
 
@@ -304,13 +312,24 @@ class _Screen:
             keys,
             leaving="Ctrl-C stops, --resume goes on",
             leaves=False,
-            request=self._request,
+            requests=[self._request],
+            watches=[self._watch],
         )
         self._board = self._stack.enter_context(board)
         return self
 
     def __exit__(self, *details: object) -> None:
         self._stack.close()
+        if self._viewer is not None:
+            self._viewer.close()
+
+    def _watch(self, actor_id: str) -> Watching:
+        """Over a connection of its own, as any dashboard has one: actors are other processes."""
+        if self._viewer is None:
+            config = self._learner.config.transport
+            security = self._security and self._security.of_local("dashboard")
+            self._viewer = open_viewer(reachable(config.endpoint), config, security)
+        return self._viewer.watch(actor_id)
 
     def _request(self, action: str) -> str:
         from lndrl.transport.operation import Granted, Request
@@ -319,14 +338,22 @@ class _Screen:
         answer = self._learner.orders.on_request(request)
         return answer.sentence if isinstance(answer, Granted) else f"refused: {answer.reason}"
 
+    def rest(self, seconds: float) -> None:
+        """Wait, but for keys and for what a live world shows."""
+        if self._news is None:
+            time.sleep(seconds)
+            return
+        with suppress(OSError):  # of a terminal that is gone
+            self._board.turn([self._news], seconds)
+
     def update(self) -> None:
         """Heed the keys, and redraw what is new."""
         from learner.status import snapshot
         from lndrl.view.dashboard.feed import news_of
 
         reply = {"snapshot": snapshot(self._learner), "history": list(self._learner.history)}
-        with suppress(OSError):  # of a terminal that is gone
-            self._board.turn(news_of(reply), 0.0)
+        self._news = news_of(reply)
+        self.rest(0.0)
 
 
 def _status(learner: Learner) -> Status:

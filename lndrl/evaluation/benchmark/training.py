@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lndrl.config import RunConfig, flatten, load_config
-from lndrl.config.shipped import SHIPPED_POLICY
+from lndrl.config.shipped import SHIPPED_POLICIES
 from lndrl.curve import Standstill, conditions, read_curve, standstill
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose, shown
@@ -131,7 +131,7 @@ def method_runs(
     learned = [
         name
         for name, method in spec.methods.items()
-        if not is_rule(method.planner) and method.planner != SHIPPED_POLICY
+        if not is_rule(method.planner) and method.planner not in SHIPPED_POLICIES
     ]
     if wanted is None:
         # Under another seed the rows of one seed are those of another's.

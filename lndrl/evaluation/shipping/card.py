@@ -20,7 +20,8 @@ from lndrl.evaluation.hazard import Hazard
 from lndrl.policy import driven_at
 from lndrl.wilson import wilson_interval
 
-DATA, PAGE = "model-card.json", "model-card.md"
+CARD, ROBOT_CARD = "model-card", "model-card-robot"
+"""Names of the pages and of the JSON files beside them."""
 _BLOCK = re.compile(r"(<!-- lndrl ship: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _ELSEWHERE = ("scenario.", "actor.", "transport.")
 """Keys that do not say how it learned, or fill a page; the place is named."""
@@ -30,14 +31,15 @@ _LONGEST = 60
 def docs_folder() -> Path:
     """Where the card lies; raises UserError outside of a checkout, where there is none."""
     folder = REPOSITORY_CONFIGS.parent / "docs"
-    if not (folder / PAGE).is_file():
-        raise UserError(f"{folder / PAGE}: no such file; lndrl ship works in a checkout of lndrl")
+    page = folder / f"{CARD}.md"
+    if not page.is_file():
+        raise UserError(f"{page}: no such file; lndrl ship works in a checkout of lndrl")
     return folder
 
 
 @dataclass(frozen=True)
 class Card:
-    """What is known of the shipped policy: plain types, as in ``model-card.json``."""
+    """What is known of a shipped policy: plain types, as in ``model-card.json``."""
 
     weights: dict[str, Any] = field(default_factory=dict)
     trained: dict[str, Any] = field(default_factory=dict)
@@ -45,9 +47,9 @@ class Card:
     results: list[dict[str, Any]] = field(default_factory=list)
 
     @classmethod
-    def read(cls, folder: Path) -> Card:
+    def read(cls, folder: Path, stem: str = CARD) -> Card:
         """The card in ``folder``; an empty one where there is none. Raises UserError."""
-        file = folder / DATA
+        file = folder / f"{stem}.json"
         try:
             return cls(**json.loads(file.read_text("utf-8")))
         except FileNotFoundError:
@@ -55,12 +57,12 @@ class Card:
         except (OSError, ValueError, TypeError) as error:
             raise UserError(f"{file}: not the data of a model card ({error})") from None
 
-    def write(self, folder: Path) -> None:
+    def write(self, folder: Path, stem: str = CARD) -> None:
         """Write data and page into ``folder``; raises UserError where the disk refuses."""
-        page = folder / PAGE
+        page = folder / f"{stem}.md"
         try:
             text = render(page.read_text("utf-8"), self)
-            (folder / DATA).write_text(json.dumps(asdict(self), indent=1) + "\n", "utf-8")
+            (folder / f"{stem}.json").write_text(json.dumps(asdict(self), indent=1) + "\n", "utf-8")
             page.write_text(text, "utf-8")
         except OSError as error:
             raise UserError(f"{folder}: cannot be written ({error.strerror})") from None
@@ -102,7 +104,7 @@ def render(page: str, card: Card) -> str:
     def block(match: re.Match[str]) -> str:
         name = match[2]
         if name not in _BLOCKS:
-            raise UserError(f"{PAGE}: block {name} is none of {', '.join(_BLOCKS)}")
+            raise UserError(f"block {name} is none of {', '.join(_BLOCKS)}")
         return f"{match[1]}{_BLOCKS[name](card)}\n{match[3]}"
 
     return _BLOCK.sub(block, page)

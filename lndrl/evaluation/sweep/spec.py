@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from lndrl.config import DEFAULTS, RunConfig, find, load_config
-from lndrl.config.shipped import SHIPPED_POLICY
+from lndrl.config.shipped import SHIPPED_POLICIES
 from lndrl.errors import UserError
 from lndrl.models import Count, Model, load_yaml, validate
 from lndrl.numbering import checkpoints_in
@@ -131,7 +131,7 @@ class Sweep:
         start = self.spec.start
         if start is None:
             return
-        if start == SHIPPED_POLICY or Path(start).is_file():
+        if start in SHIPPED_POLICIES or Path(start).is_file():
             from lndrl.policy import read_policy  # brings kernels along
 
             read_policy(start)
@@ -176,7 +176,7 @@ def load_sweep(file: Path) -> Sweep:
 
 
 def _whole(start: str) -> str:
-    return start if start == SHIPPED_POLICY else str(Path(start).resolve())
+    return start if start in SHIPPED_POLICIES else str(Path(start).resolve())
 
 
 def _variant(

@@ -38,7 +38,7 @@ class GuardedPlanner:
         self.parameters = p = parameters or GuardConfig()
         self.name = f"{planner.name}+guard"
         self.vetoes = np.zeros(0, np.int64)
-        self._planner = planner
+        self.planner = planner
         world, laser = config.world, config.world.laser
         self._tick, self._ticks = world.tick, world.ticks_per_step
         self._limits = world.robot.acceleration.limits
@@ -65,19 +65,19 @@ class GuardedPlanner:
         """See ``Planner.reset``."""
         self._start(len(worlds))
         self._places, self._heard = [], np.zeros(0, np.int64)
-        self._planner.reset(seed, worlds)
+        self.planner.reset(seed, worlds)
 
     def enter(self, places: Sequence[Place]) -> None:
         """See ``MapPlanner.enter``."""
         self._places = list(places)
-        if isinstance(self._planner, MapPlanner):
-            self._planner.enter(places)
+        if isinstance(self.planner, MapPlanner):
+            self.planner.enter(places)
 
     def hear(self, poses: Floats, rows: NDArray[np.int64]) -> None:
         """See ``MapPlanner.hear``."""
         self._poses, self._heard = np.array(poses, np.float64), np.array(rows)
-        if isinstance(self._planner, MapPlanner):
-            self._planner.hear(poses, rows)
+        if isinstance(self.planner, MapPlanner):
+            self.planner.hear(poses, rows)
 
     def act(self, observation: Observation, rows: NDArray[np.int64]) -> Floats:
         """See ``Planner.act``."""
@@ -88,8 +88,8 @@ class GuardedPlanner:
             if not safe[0]:
                 commands[i] = self._best(scores[i], safe[1:])
             self.vetoes[row] += not safe[0]
-        if isinstance(self._planner, PredictivePlanner):
-            self._planner.told(commands, rows)
+        if isinstance(self.planner, PredictivePlanner):
+            self.planner.told(commands, rows)
         self._drive(commands, rows)
         return commands
 
@@ -97,7 +97,7 @@ class GuardedPlanner:
         self, observation: Observation, rows: NDArray[np.int64]
     ) -> tuple[Floats, NDArray[np.floating]]:
         """Commands (B, 2) that the planner would give, and how it ranks the actions (B, A)."""
-        planner = self._planner
+        planner = self.planner
         if isinstance(planner, PredictivePlanner):
             scores = -planner.costs(observation, rows)
             wanted = self._actions[scores.argmax(axis=1)]

@@ -104,6 +104,7 @@ class PolicyRunner:
 
     def __init__(self, config: RunConfig, device: str = CPU, bfloat16: bool = False) -> None:
         self.config = config
+        self.said = np.zeros((0, 0), np.float32)  # log-probabilities (B, A) of the last ``act``
         self.policy: Policy
         if device == CPU:
             self.policy = local_policy(config, bfloat16)
@@ -132,7 +133,7 @@ class PolicyRunner:
         Sampled by the Gumbel trick from ``rng``, or the most likely ones when ``greedy``. Where
         ``given`` (B,) is not negative, that action is taken whatever the policy says of it.
         """
-        log_probabilities = self.log_probabilities(observation)
+        self.said = log_probabilities = self.log_probabilities(observation)
         noise = 0.0 if greedy else rng.gumbel(size=log_probabilities.shape)
         scores = log_probabilities + noise
         action = scores.argmax(axis=1)

@@ -2,6 +2,7 @@
 
 from lndrl.policy.shipped.half import (
     LARGEST_FILE,
+    ROBOT_FILE,
     SHIPPED_FILE,
     WALK_FILE,
     narrowed,
@@ -11,6 +12,7 @@ from lndrl.policy.shipped.half import (
 
 __all__ = [
     "LARGEST_FILE",
+    "ROBOT_FILE",
     "SHIPPED_FILE",
     "WALK_FILE",
     "narrowed",

@@ -20,6 +20,8 @@ from lndrl.policy.blob import head_in, tensors_in
 
 SHIPPED_FILE = Path(__file__).resolve().with_name("policy.safetensors")
 """Where an installed program has its policy."""
+ROBOT_FILE = SHIPPED_FILE.with_name("robot.safetensors")
+"""The same for bases whose velocities take time, where a build has one."""
 WALK_FILE = SHIPPED_FILE.with_name("walk.npz")
 """A walk of it that was recorded, for whoever waits for the first one."""
 LARGEST_FILE = 16_000_000

@@ -73,6 +73,8 @@ class Replay:
     words: dict[str, str] = field(default_factory=dict)
     """Of each reason that ever held: what was seen first."""
     decisions: int = 0
+    guarded: int = 0
+    """Decisions that the guard would not have let through as they were."""
     arrivals: int = 0
     map: RobotMap | None = None
     reference: Floats = field(default_factory=lambda: np.zeros((0, 4)))
@@ -123,6 +125,7 @@ class Replay:
             "off_end": self.moments[-1].off if self.moments and self.reference_topic else None,
             "turned_mean": of("turned", np.mean),
             "decisions": self.decisions,
+            "guarded": self.guarded / self.decisions if self.decisions else None,
             "arrivals": self.arrivals,
             "same_commands": None if np.isnan(same) else same,
             "standing": dict(sorted(self.standing.items(), key=lambda each: -each[1])),
@@ -167,6 +170,7 @@ class _Player:
         goal = driver.senses.goal_in_map()
         result.map, result.goal = driver.senses.map, None if isinstance(goal, tuple) else goal
         result.decisions, result.arrivals = driver.tally.decisions, driver.tally.arrivals
+        result.guarded = driver.tally.guarded
         self._compare()
         return result
 
@@ -223,12 +227,13 @@ class _Player:
             return
         x, y, yaw = np.sqrt(np.maximum(estimate.variance, 0.0))
         stops = tuple(stop.reason.label for stop in self._driver.stops)
+        stands = bool(stops) and not self._driver.guarded  # the guard's standing is a command
         self._stamps.append(estimate.stamp)
         self._result.moments.append(
             Moment(
                 (estimate.stamp - self._stamps[0]) / SECOND, estimate.pose, float(np.hypot(x, y)),
                 float(yaw), estimate.agreement, estimate.effective, np.nan, np.nan,
-                None if stops else self._driver.command, self._recorded, stops,
+                None if stands else self._driver.command, self._recorded, stops,
             )
         )  # fmt: skip
 

@@ -7,26 +7,29 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig, RunConfig
 from lndrl.config.localization import PRESETS
 from lndrl.errors import UserError
+from lndrl.localization import Scanner
 from lndrl.maps.ros_map import load_ros_map
-from lndrl.planners import PlannerSource
+from lndrl.planners import GuardConfig, PlannerSource
 from lndrl.robot.driving.belief import OwnLocalization, RobotLocalization
-from lndrl.robot.driving.commands import Limits
-from lndrl.robot.driving.driver import Driver, Guard, Send
-from lndrl.robot.driving.frames import mounted
+from lndrl.robot.driving.driver import Driver, Send
+from lndrl.robot.driving.guarding import DriveGuard
 from lndrl.robot.driving.maps import RobotMap
 from lndrl.robot.driving.pilot import Pilot
 from lndrl.robot.driving.senses import Senses, Trust
 from lndrl.robot.driving.service import DriveService, Wanted
+from lndrl.robot.fitting import guarded_base
+from lndrl.robot.limits import Limits
 from lndrl.robot.link import Link, Topic
 from lndrl.robot.messages import StampedPose, names
 from lndrl.robot.recording import Recorder
+from lndrl.robot.shapes import RobotShape
 from lndrl.robot.topics import Topics
 
+TRAINED = "trained"
 SimTime = Literal["auto", "on", "off"]
 
 
@@ -37,12 +40,16 @@ class DriveOptions:
     topics: Topics = field(default_factory=Topics)
     localization: Literal["own", "robot"] = "own"
     preset: str | None = None
-    """Of our filter's settings; None: as the policy was trained."""
+    """Of our filter's settings; None, and ``TRAINED``: as the policy was trained."""
     pose: tuple[float, float, float] | None = None
     goal: tuple[float, float] | None = None
     map_file: Path | None = None
-    scanner: tuple[float, float, float, bool] | None = None
-    """x, y (m), yaw (rad) on the base, and whether it hangs upside down."""
+    robot: RobotShape | None = None
+    """What it is like; None: as the one that the policy was trained with."""
+    scanner: Scanner | None = None
+    """How it stands on the base; None: as ``robot`` says, else by TF."""
+    guard: GuardConfig | None = None
+    """Bounds of the guard that every command goes through; None: there is none."""
     people: bool = True
     enable_topic: str | None = None
     enable_button: int | None = None
@@ -59,9 +66,9 @@ def drive_config(config: RunConfig, options: DriveOptions) -> RunConfig:
     is heard at once. Raises UserError for an unknown preset, and a filter that knows the truth.
     """
     filter_ = config.localization
-    if options.preset is not None:
+    if options.preset not in (None, TRAINED):
+        known = ", ".join([*(name for name in PRESETS if name != "perfect"), TRAINED])
         if options.preset not in PRESETS or options.preset == "perfect":
-            known = ", ".join(name for name in PRESETS if name != "perfect")
             raise UserError(f"--filter {options.preset}: is unknown; known: {known}")
         filter_ = LocalizationConfig.model_validate(options.preset)
     if filter_.kind == "perfect":
@@ -79,28 +86,30 @@ def make_pilot(source: PlannerSource, config: RunConfig, options: DriveOptions) 
     return pilot
 
 
-def make_driver(
-    pilot: Pilot, options: DriveOptions, send: Send, guard: Guard | None = None
-) -> Driver:
+def make_driver(pilot: Pilot, options: DriveOptions, send: Send) -> Driver:
     """What drives by ``pilot``. Raises UserError for a map file that cannot be read."""
-    config = pilot.config
+    config, robot = pilot.config, options.robot
     localization = (
         OwnLocalization(config, options.seed)
         if options.localization == "own"
         else RobotLocalization(config)
     )
-    radius = config.world.robot_radius
+    radius = float(config.world.robot_radius) if robot is None else robot.reach
     map_ = None
     if options.map_file is not None:
         map_ = RobotMap.of_grid("map", load_ros_map(options.map_file).grid, radius)
+    mount, limits = options.scanner, None
+    if robot is not None:
+        mount = mount or robot.scanner.scanner()
+        limits = float(robot.scanner.range_min), float(robot.scanner.range_max)
     senses = Senses(
-        localization, radius, options.trust, _mounting(options), map_,
+        localization, radius, options.trust, mount, limits, map_,
         options.enable_topic is not None, options.enable_button or 0,
     )  # fmt: skip
     goal = None
     if options.goal is not None:
         goal = StampedPose(0, "", np.array([*options.goal, 0.0]))
-    driver = Driver(pilot, senses, send, options.limits, guard, goal)
+    driver = Driver(pilot, senses, send, options.limits, _guard(pilot, options, radius), goal)
     if options.pose is not None:
         senses.give_pose(StampedPose(0, "", np.array(options.pose)))
     return driver
@@ -111,7 +120,6 @@ def make_service(
     pilot: Pilot,
     options: DriveOptions,
     recorder: Recorder | None = None,
-    guard: Guard | None = None,
 ) -> DriveService:
     """A live drive over ``link``."""
     topics = options.topics
@@ -125,10 +133,9 @@ def make_service(
         people=options.people,
         enable=enable,
         simulated=is_simulated(link, options),
+        stamped=options.robot is not None and options.robot.topics.stamped,
     )
-    return DriveService(
-        link, lambda send: make_driver(pilot, options, send, guard), wanted, recorder
-    )
+    return DriveService(link, lambda send: make_driver(pilot, options, send), wanted, recorder)
 
 
 def is_simulated(link: Link, options: DriveOptions) -> bool:
@@ -139,5 +146,8 @@ def is_simulated(link: Link, options: DriveOptions) -> bool:
     return any(each.kind == "publisher" and each.topic == clock for each in link.endpoints())
 
 
-def _mounting(options: DriveOptions) -> NDArray[np.float64] | None:
-    return None if options.scanner is None else mounted(*options.scanner)
+def _guard(pilot: Pilot, options: DriveOptions, radius: float) -> DriveGuard | None:
+    if options.guard is None:
+        return None
+    base = guarded_base(options.robot, radius)
+    return DriveGuard(options.guard, base, pilot.actions, pilot.period)

@@ -9,20 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
-from lndrl.localization import AMCL, LikelihoodMap
+from lndrl.localization import Health, OdometryHistory, Scanner, SensorFilter
 from lndrl.maps.grid import OccupancyGrid
 from lndrl.randomness import stream_state
 from lndrl.robot.driving.maps import RobotMap
 from lndrl.robot.driving.odometry import Wheels
 from lndrl.robot.driving.reasons import Reason
-from lndrl.robot.driving.scans import BaseScan, thinned
+from lndrl.robot.driving.scans import BaseScan, about_base
 from lndrl.robot.geometry import between, chained
-from lndrl.robot.messages import SECOND, Odometry, StampedPose
+from lndrl.robot.messages import SECOND, Odometry, Scan, StampedPose
 
 Floats = NDArray[np.float64]
 
 _DISAGREES = 0.15
 """Share of echoes that the map explains, below which the pose is no pose of this map."""
+_TORN = 0.4
+"""Share of the weight in the second heaviest cluster from which there are two places."""
 _FOR = 4.0
 """s of driving for which a belief must be that bad: filters recover, but only while they drive."""
 _MOVING = (0.01, 0.01)
@@ -35,21 +37,29 @@ _UNSEEN = (0.6, 0.6)
 class Estimate:
     """A belief at ``stamp``: pose (3,) and covariance (3, 3), map frame; particles (n, 3), a copy.
 
-    ``agreement`` is the share of echoes that the map explains, ``effective`` how many particles
-    matter; NaN where that is not known.
+    ``health``: how well it stands, where it is our filter's.
     """
 
     stamp: int
     pose: Floats
     covariance: Floats
     particles: Floats
-    agreement: float = np.nan
-    effective: float = np.nan
+    health: Health | None = None
 
     @property
     def variance(self) -> Floats:
         """(3,) of x, y, yaw."""
         return np.diagonal(self.covariance).copy()
+
+    @property
+    def agreement(self) -> float:
+        """Share of the scan's echoes that the map explains; NaN where that is not known."""
+        return np.nan if self.health is None else self.health.agreement
+
+    @property
+    def effective(self) -> float:
+        """How many particles matter; NaN where that is not known."""
+        return np.nan if self.health is None else self.health.effective_share * len(self.particles)
 
 
 class Localization(Protocol):
@@ -74,15 +84,14 @@ class Localization(Protocol):
 
 
 class OwnLocalization:
-    """Our AMCL with the settings of ``config``; ``seed`` starts its draws."""
+    """Our filter behind the robot's scanner, by ``config``; ``seed`` starts its draws."""
 
     def __init__(self, config: RunConfig, seed: int) -> None:
         self.fault: tuple[Reason, str] | None = None
         self._config = config
         self._random = stream_state(seed, 0)
         self._map: RobotMap | None = None
-        self._filter: AMCL | None = None
-        self._reach = np.nan
+        self._filter: SensorFilter | None = None
         self._told: tuple[Floats, Floats | None] | None = None
         self._doubt = Doubt(config)
 
@@ -93,20 +102,19 @@ class OwnLocalization:
         other.enter(RobotMap.of_grid("", OccupancyGrid(walls, 0.1), 0.1))
         other.begin(np.array([2.0, 2.0, 0.0]), np.eye(3) * 0.01, 0)
         wheels = Wheels()
-        bearings = np.linspace(-1.5, 1.5, 60).astype(np.float32)
-        for stamp in (1, 2):
-            wheels.add(Odometry(stamp, "", "", np.array([0.1 * stamp, 0.0, 0.0])))
-            ranges = np.full(60, 1.5, np.float32)
-            other.update(BaseScan(stamp, bearings, ranges, 12.0, 0.05), wheels)
+        ranges = np.full(60, 1.5, np.float32)
+        for stamp in (SECOND, 2 * SECOND):
+            wheels.add(Odometry(stamp, "", "", np.array([0.5 * stamp / SECOND, 0.0, 0.0])))
+            scan = Scan(stamp, "", -1.5, 0.05, 0.0, 12.0, ranges)
+            other.update(about_base(scan, Scanner()), wheels)
         other.begin(np.array([2.0, 2.0, 0.0]), None, 2)  # the other way to begin
-        other.update(BaseScan(2, bearings, ranges, 12.0, 0.05), wheels)
+        other.update(about_base(scan, Scanner()), wheels)
 
     def enter(self, map_: RobotMap) -> None:
         """See ``Localization``: the belief stays where it was."""
         self._map = map_
         if self._filter is not None:
-            before, self._filter = self._filter, self._make(self._reach)
-            self._filter.restore(before.snapshot())
+            self._renew(self._filter.scanner, self._filter.odometer)
 
     def begin(self, pose: Floats, covariance: Floats | None, stamp: int) -> None:
         """See ``Localization``: the cloud is drawn when the next scan comes."""
@@ -128,27 +136,25 @@ class OwnLocalization:
         if odometry is None or self._map is None:
             return None
         if self._told is not None:
-            self._start(scan, odometry)
+            self._start(scan, odometry, wheels)
         if self._filter is None:
             return None
-        if scan.range_max != self._reach:
-            self._reach = scan.range_max
-            self.enter(self._map)
-        ranges, bearings = thinned(scan, self._config.localization.laser_max_beams)
-        self._filter.update(odometry, ranges, bearings)
+        if scan.scanner != self._filter.scanner:
+            self._renew(scan.scanner, wheels.history)
+        own, stamp = scan.own, scan.stamp / SECOND
+        self._filter.add_scan(stamp, own.ranges, own.angle_min, own.angle_increment)
+        amcl, health = self._filter.amcl, self._filter.health(stamp)
         found = Estimate(
-            scan.stamp, self._filter.pose_estimated.copy(), self._filter.covariance.copy(),
-            self._filter.particles.copy(), self._filter.beam_agreement,
-            self._filter.effective_count,
+            scan.stamp, self._filter.pose(stamp), amcl.covariance.copy(),
+            self._filter.cloud(stamp), health,
         )  # fmt: skip
         self.fault = self._doubt.fault(found, wheels)
         return found
 
-    def _start(self, scan: BaseScan, odometry: Floats) -> None:
+    def _start(self, scan: BaseScan, odometry: Floats, wheels: Wheels) -> None:
         assert self._told is not None
-        pose, covariance = self._told
-        self._told, self._reach = None, scan.range_max
-        self._filter = self._make(scan.range_max)
+        (pose, covariance), self._told = self._told, None
+        self._filter = self._make(scan.scanner, wheels.history)
         self._doubt = Doubt(self._config)
         self._random = self._random + np.uint64(1)  # another start draws anew
         try:
@@ -156,11 +162,15 @@ class OwnLocalization:
         except ValueError:  # a covariance that is none
             self._filter.reset(pose, self._random, odometry)
 
-    def _make(self, reach: float) -> AMCL:
+    def _renew(self, scanner: Scanner, history: OdometryHistory) -> None:
+        assert self._filter is not None
+        before, self._filter = self._filter, self._make(scanner, history)
+        self._filter.take_up(before)
+
+    def _make(self, scanner: Scanner, history: OdometryHistory) -> SensorFilter:
         assert self._map is not None
-        laser = self._config.world.laser.model_copy(update={"range_max": reach})
         settings = self._config.localization
-        return AMCL(LikelihoodMap.build(self._map.grid, settings, laser), settings, laser)
+        return SensorFilter(self._map.grid, settings, scanner, odometer=history)
 
 
 class RobotLocalization:
@@ -209,7 +219,7 @@ class RobotLocalization:
 
 
 class Doubt:
-    """For how long a belief has been too wide, or at odds with the scan, while the robot drove."""
+    """For how long a belief has been too wide, torn, or at odds with the scan, while it drove."""
 
     def __init__(self, config: RunConfig) -> None:
         self._widest = float(config.task.lost_distance)
@@ -220,19 +230,26 @@ class Doubt:
         """Why ``estimate`` may not be driven by; None where it may."""
         if not (np.isfinite(estimate.pose).all() and np.isfinite(estimate.covariance).all()):
             return Reason.POSE_INVALID, "the pose or its covariance is not finite"
-        x, y, _ = estimate.variance
-        wide = float(np.sqrt(max(x + y, 0.0)))
-        # 0 stands for no update yet, and NaN for not known.
-        at_odds = 0.0 < estimate.agreement < _DISAGREES
+        doubt = self._doubt(estimate)
         passed = 0.0 if self._last is None else (estimate.stamp - self._last) / SECOND
         self._last = estimate.stamp
-        if not (wide > self._widest or at_odds):
+        if doubt is None:
             self._seconds = 0.0
         elif (np.abs(wheels.velocity) > _MOVING).any():
             self._seconds += min(max(passed, 0.0), 1.0)
-        if self._seconds <= _FOR:
-            return None
-        if at_odds:
-            share = f"{100 * estimate.agreement:.0f} %"
-            return Reason.POSE_LOST, f"the map explains {share} of the scan"
-        return Reason.POSE_LOST, f"the belief is {wide:.1f} m wide"
+        return doubt if self._seconds > _FOR else None
+
+    def _doubt(self, estimate: Estimate) -> tuple[Reason, str] | None:
+        """What speaks against ``estimate`` at this moment."""
+        x, y, _ = estimate.variance
+        wide, health = float(np.sqrt(max(x + y, 0.0))), estimate.health
+        # An agreement of 0 stands for no update yet.
+        if health is not None and 0.0 < health.agreement < _DISAGREES:
+            share = f"{100 * health.agreement:.0f} %"
+            return Reason.POSE_INCONSISTENT, f"the map explains {share} of the scan"
+        if wide > self._widest:
+            return Reason.POSE_LOST, f"the belief is {wide:.1f} m wide"
+        if health is not None and health.second_cluster > _TORN:
+            share = f"{100 * health.second_cluster:.0f} %"
+            return Reason.POSE_LOST, f"{share} of the belief are at a second place"
+        return None

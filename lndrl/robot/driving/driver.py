@@ -7,6 +7,7 @@ driven by the same code.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -14,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.errors import UserError
+from lndrl.localization import Health
 from lndrl.robot.driving.belief import Estimate
-from lndrl.robot.driving.commands import Limits
+from lndrl.robot.driving.guarding import DriveGuard
 from lndrl.robot.driving.maps import RobotMap
 from lndrl.robot.driving.pilot import Decision, Pilot
 from lndrl.robot.driving.reasons import Reason, Stop, in_order
+from lndrl.robot.driving.scans import uncovered
 from lndrl.robot.driving.senses import Senses
+from lndrl.robot.limits import Limits
 from lndrl.robot.messages import (
     SECOND,
     Content,
@@ -31,8 +35,6 @@ from lndrl.robot.messages import (
 
 Floats = NDArray[np.float64]
 Send = Callable[[str, Content], None]
-Guard = Callable[[float, float, "Driver"], tuple[float, float]]
-"""What may leave of v and w, the limits kept; called with every command but a stop."""
 
 _AGAIN = 0.1
 """s after which a command is sent again: bases stop by themselves when none comes."""
@@ -49,6 +51,8 @@ class Tally:
     """What a drive has come to."""
 
     decisions: int = 0
+    guarded: int = 0
+    """Decisions that the guard did not let through as they were."""
     arrivals: int = 0
     stops: dict[str, int] = field(default_factory=dict)
     """How often a reason stopped the robot."""
@@ -72,7 +76,12 @@ class DriveView:
     probabilities: NDArray[np.floating] | None
     actions: Floats
     stops: tuple[Stop, ...]
-    guarded: bool
+    guard: bool
+    """Whether there is one."""
+    guarded: str
+    """What it sees, where it holds back what was decided."""
+    unseen: float
+    """Share of what the policy looks at where the scanner does not look."""
     robot_radius: float
     arrive_distance: float
     tally: Tally
@@ -80,7 +89,7 @@ class DriveView:
 
 class Driver:
     """Drives by ``pilot`` with what ``senses`` says. ``send`` is called with what a message is for
-    and what it says. ``command_frame`` goes into stamped commands.
+    and what it says; ``guard`` looks at every command but a stop, after ``limits``.
     """
 
     def __init__(
@@ -89,7 +98,7 @@ class Driver:
         senses: Senses,
         send: Send,
         limits: Limits | None = None,
-        guard: Guard | None = None,
+        guard: DriveGuard | None = None,
         goal: StampedPose | None = None,
     ) -> None:
         self.pilot, self.senses = pilot, senses
@@ -99,12 +108,12 @@ class Driver:
         self.outside: dict[Reason, str] = {}
         """Reasons that whoever owns the driver knows of: the link, topics, an interruption."""
         self.arrived = False
-        self.send, self._limits, self._guard = send, limits or Limits(), guard
+        self.send, self._limits, self.guard = send, limits or Limits(), guard
         self._goal: Floats | None = None
         self._goal_fault: tuple[Reason, str] | None = None
         self._failed: str | None = None
-        self.guarded = False
-        """Whether the guard has let less through than was asked for, in the last command."""
+        self.guarded = ""
+        """Why the guard has let something else through than was asked for, in the last command."""
         self._wanted = 0.0, 0.0
         self._due = 0
         self._sent_at = self._stopped_at = self._said_at = self._shown_at = -np.inf
@@ -116,6 +125,8 @@ class Driver:
     @property
     def stops(self) -> tuple[Stop, ...]:
         """Why it stands, the first to mend at the front; empty while it drives."""
+        if not self._stops and self.guarded and self.command == (0.0, 0.0):
+            return (Stop(Reason.GUARDED, self.guarded),)
         return self._stops
 
     def take(
@@ -177,9 +188,11 @@ class Driver:
             command=self.command,
             probabilities=None if decision is None else decision.probabilities,
             actions=self.pilot.actions,
-            stops=self._stops,
+            stops=self.stops,
+            guard=self.guard is not None,
             guarded=self.guarded,
-            robot_radius=config.world.robot_radius,
+            unseen=0.0 if scan is None else uncovered(scan, config.world.laser),
+            robot_radius=self.senses.radius,
             arrive_distance=config.task.arrive_distance,
             tally=self.tally,
         )
@@ -200,6 +213,7 @@ class Driver:
                 self._stand(now)
                 return True
         self._command(self._wanted, now)
+        self.tally.guarded += bool(decided and self.guarded)
         return decided
 
     def _seek(self) -> None:
@@ -239,7 +253,9 @@ class Driver:
         assert scan is not None and estimate is not None
 
         def decide() -> None:
-            self.decision = self.pilot.decide(scan, estimate, self.senses.people())
+            self.decision = self.pilot.decide(
+                scan, estimate, self.senses.people(), self.senses.wheels.velocity
+            )
             self._wanted = self.decision.v, self.decision.w
             if not np.isfinite(self._wanted).all():
                 raise ValueError(f"it answers {self._wanted}")
@@ -272,15 +288,17 @@ class Driver:
         self._stops = in_order(found)
         for stop in self._stops:
             if not before and self.tally.decisions and not stop.reason.is_rest:
-                label = stop.reason.label
-                self.tally.stops[label] = self.tally.stops.get(label, 0) + 1
+                self._count(stop.reason)
         if self._stops and not before:
             self._stopped_at = now
             self._sent_at = -np.inf
 
+    def _count(self, reason: Reason) -> None:
+        self.tally.stops[reason.label] = self.tally.stops.get(reason.label, 0) + 1
+
     def _stand(self, now: float, again: bool = False) -> None:
         """Send a stop at once, and again for a while."""
-        self._wanted = 0.0, 0.0
+        self._wanted, self.guarded = (0.0, 0.0), ""
         moving = self.command != (0.0, 0.0)
         repeat = now - self._stopped_at <= _ZEROS and now - self._sent_at >= _AGAIN
         if moving or repeat or again:
@@ -289,10 +307,21 @@ class Driver:
     def _command(self, wanted: tuple[float, float], now: float) -> None:
         seconds = min(now - self._sent_at, 0.5) if np.isfinite(self._sent_at) else _AGAIN
         v, w = self._limits.within(wanted, self.command, seconds)
-        if self._guard is not None:
-            asked = v, w
-            v, w = self._guard(v, w, self)
-            self.guarded = (v, w) != asked
+        if self.guard is not None:
+            stood = self.stops
+            last = self.command
+
+            def choices() -> Floats:
+                each = [self._limits.within((a, b), last, seconds) for a, b in self.pilot.actions]
+                return np.array(each)
+
+            scores = None if self.decision is None else self.decision.probabilities
+            told = self.guard.check((v, w), last, self.senses, now, choices, scores)
+            v, w, self.guarded = told.v, told.w, told.words
+            self._emit(v, w, now)
+            if self.stops and not stood:
+                self._count(Reason.GUARDED)
+            return
         self._emit(v, w, now)
 
     def _emit(self, v: float, w: float, now: float) -> None:
@@ -323,7 +352,7 @@ class Driver:
 
     def _status(self, now: float) -> None:
         """Say why it stands, when that changes and every second."""
-        labels = tuple(stop.reason.label for stop in self._stops)
+        labels = tuple(stop.reason.label for stop in self.stops)
         if labels == self._said and now - self._said_at < _STATUS:
             return
         self._said, self._said_at = labels, now
@@ -331,11 +360,24 @@ class Driver:
 
     def status(self) -> dict[str, object]:
         """What is published as text: state, the first reason, all of them, and in words."""
-        first = self._stops[0] if self._stops else None
+        stops = self.stops
+        first = stops[0] if stops else None
+        estimate = self.senses.estimate
+        health = None if estimate is None else estimate.health
         return {
             "state": "standing" if first else "driving",
             "reason": first.reason.label if first else "",
             "words": str(first) if first else "",
-            "all": [stop.reason.label for stop in self._stops],
+            "all": [stop.reason.label for stop in stops],
+            "guard": "off" if self.guard is None else "on",
             "guarded": self.guarded,
+            "health": None if health is None else _plain(health),
         }
+
+
+def _plain(health: Health) -> dict[str, float | int | None]:
+    """A health report as JSON has it: what is not finite is not known."""
+    return {
+        name: round(value, 4) if math.isfinite(value) else None
+        for name, value in vars(health).items()
+    }

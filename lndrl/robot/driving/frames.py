@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lndrl.localization import Scanner
 from lndrl.robot.messages import Transforms
 
 Floats = NDArray[np.float64]
@@ -61,12 +62,10 @@ def planar(matrix: Floats) -> Floats:
     return np.array([matrix[0, 3], matrix[1, 3], yaw])
 
 
-def mounted(x: float, y: float, yaw: float, upside_down: bool) -> Floats:
-    """The matrix (4, 4) of a scanner that a user has measured."""
-    matrix = np.eye(4)
-    c, s = math.cos(yaw), math.sin(yaw)
-    flip = -1.0 if upside_down else 1.0
-    matrix[:2, :2] = [[c, -s * flip], [s, c * flip]]
-    matrix[2, 2] = flip
-    matrix[:2, 3] = x, y
-    return matrix
+def mounted(matrix: Floats) -> Scanner:
+    """How a scanner stands whose matrix (4, 4) takes its points to the base's, seen from above.
+
+    Its ranges are those of any scanner.
+    """
+    x, y, yaw = planar(matrix).tolist()
+    return Scanner(x, y, yaw, upside_down=bool(matrix[2, 2] < 0.0))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 from numpy.typing import NDArray
 
+from lndrl.localization import OdometryHistory, relative
 from lndrl.robot.driving.reasons import Reason
-from lndrl.robot.geometry import interpolated, wrapped
+from lndrl.robot.geometry import wrapped
 from lndrl.robot.messages import SECOND, Odometry
 
 Floats = NDArray[np.float64]
@@ -21,30 +20,50 @@ _TURN = (0.4, 5.0)
 """rad, and rad/s."""
 _AHEAD = 0.15
 """s by which a scan may be ahead of the newest reading: it is taken to go on as it did."""
+_LOOK_BACK = 0.2
+"""s over which a speed is measured, where the base says none."""
+_STANDS = (0.02, 0.05)
+"""m/s and rad/s below which a speed that is measured is none."""
 
 
 class Wheels:
-    """The readings of the last seconds, by stamp."""
+    """The readings of the last seconds, by stamp; filters share ``history``."""
 
     def __init__(self) -> None:
-        self._readings: deque[tuple[int, Floats]] = deque()
-        self.velocity: Floats = np.zeros(2)
+        self.history = OdometryHistory(keep=_KEPT, ahead=_AHEAD)
+        self._last: tuple[int, Floats] | None = None
+        self._said: Floats = np.zeros(2)
         self.frame = ""
         self.child = ""
 
     @property
     def newest(self) -> Floats | None:
         """(3,) the last pose."""
-        return self._readings[-1][1] if self._readings else None
+        return None if self._last is None else self._last[1]
 
     @property
     def stamp(self) -> int | None:
         """ns of the last reading."""
-        return self._readings[-1][0] if self._readings else None
+        return None if self._last is None else self._last[0]
+
+    @property
+    def velocity(self) -> Floats:
+        """(2,) m/s and rad/s, as the base says; measured where it moves and says that it stands."""
+        if self._last is None or self._said.any():
+            return self._said
+        end = self.history.newest
+        start = max(self.history.oldest, end - _LOOK_BACK)
+        before = self.history.at(start)
+        if before is None or end - start < 0.5 * _LOOK_BACK:
+            return self._said
+        x, y, turn = relative(before, self._last[1]) / (end - start)
+        measured = np.array([np.copysign(np.hypot(x, y), x), turn])
+        return measured if (np.abs(measured) > _STANDS).any() else self._said
 
     def clear(self) -> None:
         """Forget all, as after a jump of the clock."""
-        self._readings.clear()
+        self.history.clear()
+        self._last, self._said = None, np.zeros(2)
 
     def add(self, reading: Odometry) -> tuple[Reason, str] | None:
         """Take in a reading; says what is wrong with it. One that comes too late is left out."""
@@ -54,40 +73,21 @@ class Wheels:
         if np.abs(pose[:2]).max() > 1e6:
             return Reason.ODOMETRY_INVALID, "the odometry is more than 1,000 km from its start"
         jumped = None
-        if self._readings:
-            stamp, last = self._readings[-1]
+        if self._last is not None:
+            stamp, last = self._last
             if reading.stamp <= stamp:
                 return None
             jumped = _jump(last, pose, (reading.stamp - stamp) / SECOND)
         if jumped is not None:
-            self._readings.clear()
-        self.frame, self.child, self.velocity = reading.frame, reading.child, reading.velocity
-        self._readings.append((reading.stamp, pose))
-        while self._readings[-1][0] - self._readings[0][0] > _KEPT * SECOND:
-            self._readings.popleft()
+            self.history.clear()
+        self.frame, self.child, self._said = reading.frame, reading.child, reading.velocity
+        self._last = reading.stamp, pose
+        self.history.add(reading.stamp / SECOND, pose)
         return jumped
 
     def at(self, stamp: int) -> Floats | None:
         """The pose (3,) at ``stamp``, between two readings; None where there is none near."""
-        if not self._readings:
-            return None
-        newest, pose = self._readings[-1]
-        if stamp >= newest:
-            if stamp - newest > _AHEAD * SECOND:
-                return None
-            if len(self._readings) < 2:
-                return pose
-            before, last = self._readings[-2]
-            share = (stamp - before) / max(newest - before, 1)
-            # Beyond the newest reading by as much as lies between two, at most.
-            return interpolated(last, pose, min(share, 2.0))
-        later = (newest, pose)
-        for earlier in reversed(self._readings):
-            if earlier[0] <= stamp:
-                share = (stamp - earlier[0]) / max(later[0] - earlier[0], 1)
-                return interpolated(earlier[1], later[1], share)
-            later = earlier
-        return later[1] if later[0] - stamp < _AHEAD * SECOND else None
+        return self.history.at(stamp / SECOND)
 
 
 def _jump(last: Floats, pose: Floats, seconds: float) -> tuple[Reason, str] | None:

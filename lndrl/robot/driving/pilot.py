@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
+from lndrl.localization import Scanner
 from lndrl.maps.grid import OccupancyGrid
 from lndrl.navigation import Observation, action_table
 from lndrl.navigation.observation import (
@@ -18,16 +19,20 @@ from lndrl.navigation.observation import (
 )
 from lndrl.planners import MapPlanner, PlannerSource, ShieldedPlanner
 from lndrl.planners.policy import PolicyPlanner
+from lndrl.planners.predictive import PredictivePlanner
 from lndrl.robot.driving.belief import Estimate
 from lndrl.robot.driving.maps import RobotMap
 from lndrl.robot.driving.people import Seen
 from lndrl.robot.driving.scans import BaseScan, as_trained
 from lndrl.robot.geometry import inverse
+from lndrl.robot.messages import Scan
 
 Floats = NDArray[np.float64]
 
 _ONE = np.zeros(1, np.int64)
 _HERE = np.zeros(3)
+_SPEED_STEP = 0.1
+"""m/s and rad/s to which a measured speed is rounded for who plans with it."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,8 @@ class Pilot:
         pose = np.array([2.0, 2.0, 0.0])
         bearings = np.linspace(-1.5, 1.5, laser.beams).astype(np.float32)
         ranges = np.full(laser.beams, 1.5, np.float32)
-        scan = BaseScan(1, bearings, ranges, laser.range_max, 3.0 / laser.beams)
+        own = Scan(1, "", -1.5, 3.0 / laser.beams, 0.0, laser.range_max, ranges)
+        scan = BaseScan(1, bearings, ranges, own.angle_increment, own, Scanner())
         self.begin(np.array([3.0, 2.0]), pose, map_)
         someone = Seen(1, "", np.ones((1, 2)), np.zeros((1, 2)))
         self.decide(scan, Estimate(1, pose, np.eye(3) * 0.01, pose[None]), someone)
@@ -91,8 +97,16 @@ class Pilot:
             self._origin = np.array(map_.grid.origin)
             self.planner.enter([map_.place(self.config)])
 
-    def decide(self, scan: BaseScan, estimate: Estimate, people: Seen | None) -> Decision:
-        """The velocity for the next period. ``people`` are in the frame of the base."""
+    def decide(
+        self,
+        scan: BaseScan,
+        estimate: Estimate,
+        people: Seen | None,
+        speed: Floats | None = None,
+    ) -> Decision:
+        """The velocity for the next period. ``people`` are in the frame of the base; ``speed`` (2,)
+        is what it drives now, for planners that count on it.
+        """
         seen, laser, task = self._observation, self.config.world.laser, self.config.task
         scale = SCAN_COUNTS / float(laser.range_max)
         push_scan(as_trained(scan, laser), scale, self._begun, seen.scan[0])
@@ -109,6 +123,9 @@ class Pilot:
         if isinstance(self.planner, MapPlanner):
             pose = estimate.pose - np.array([*self._origin, 0.0])
             self.planner.hear(pose[None], _ONE)
+        if isinstance(self.planner, PredictivePlanner) and speed is not None:
+            # In steps, or else no rollouts could be kept.
+            self.planner.measured(np.round(speed[None] / _SPEED_STEP) * _SPEED_STEP, _ONE)
         v, w = self.planner.act(seen, _ONE)[0].tolist()
         shown = seen.pedestrians[0, : seen.pedestrian_count[0]].astype(np.float64)
         return Decision(v, w, self._probabilities(), shown)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig
+from lndrl.localization import Scanner
 from lndrl.robot.driving.reasons import Reason
 from lndrl.robot.messages import Scan
 
@@ -23,14 +24,22 @@ _MOST_BEAMS = 20_000
 @dataclass(frozen=True)
 class BaseScan:
     """A scan about the base: ``bearings`` rising (rad, in [-pi, pi)), ``ranges`` (m) of float32
-    (n,), infinity for no echo. ``range_max`` (m) is the scanner's.
+    (n,), infinity for no echo. ``own`` is the message that it is made of, and ``scanner`` where
+    the scanner stands and between which ranges it sees.
     """
 
     stamp: int
     bearings: NDArray[np.float32]
     ranges: NDArray[np.float32]
-    range_max: float
     increment: float
+    own: Scan
+    scanner: Scanner
+
+    @property
+    def own_bearings(self) -> NDArray[np.float32]:
+        """(n,) rad in the base's frame, of the message's readings in their order."""
+        own = self.own
+        return self.scanner.bearings(own.angle_min, own.angle_increment, len(own.ranges))
 
 
 def fault(scan: Scan, before: Scan | None) -> tuple[Reason, str] | None:
@@ -59,41 +68,40 @@ def fault(scan: Scan, before: Scan | None) -> tuple[Reason, str] | None:
     return None
 
 
-def about_base(scan: Scan, mounting: Floats) -> BaseScan:
-    """``scan`` seen from the base, of which ``mounting`` (4, 4) is the scanner's matrix.
+def about_base(scan: Scan, scanner: Scanner) -> BaseScan:
+    """``scan`` seen from the base, of a ``scanner`` that stands there.
 
     A reading at or below the scanner's minimum is no echo, as are NaN and all at or beyond its
     maximum. Beams without an echo keep their direction.
     """
-    count = len(scan.ranges)
-    angle = scan.angle_min + scan.angle_increment * np.arange(count)
-    readings = scan.ranges.astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        echo = (readings > scan.range_min) & (readings < scan.range_max)
-    direction = np.stack([np.cos(angle), np.sin(angle)])
-    turned = mounting[:2, :2] @ direction
-    offset = mounting[:2, 3]
+    angle = scanner.bearings(scan.angle_min, scan.angle_increment, len(scan.ranges))
+    angle = angle.astype(np.float64)
+    readings = scanner.echoes(scan.ranges).astype(np.float64)
+    echo = readings < np.float32(scanner.range_max)  # false for NaN
     reach = np.where(echo, readings, 0.0)
-    points = turned * reach + offset[:, None] * echo
-    seen = np.where(echo, points, turned)
-    bearing = np.arctan2(seen[1], seen[0])
+    x, y = scanner.x + reach * np.cos(angle), scanner.y + reach * np.sin(angle)
+    bearing = np.where(echo, np.arctan2(y, x), np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
     bearing[bearing >= np.pi] -= 2.0 * np.pi
-    ranges = np.where(echo, np.hypot(points[0], points[1]), np.inf)
+    ranges = np.where(echo, np.hypot(x, y), np.inf)
     order = np.argsort(bearing, kind="stable")
     return BaseScan(
         scan.stamp,
         bearing[order].astype(np.float32),
         ranges[order].astype(np.float32),
-        scan.range_max,
         abs(scan.angle_increment),
+        scan,
+        scanner,
     )
 
 
-def thinned(scan: BaseScan, beams: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Ranges and bearings of at most about ``beams`` beams, evenly spread, as ROS thins them."""
-    count = len(scan.ranges)
-    stride = max(1, (count - 1) // (beams - 1)) if beams > 1 else count
-    return scan.ranges[::stride], scan.bearings[::stride]
+def scanner_of(scan: Scan, mount: Scanner, limits: tuple[float, float] | None) -> Scanner | None:
+    """A scanner that stands as ``mount`` and sees as far as ``scan`` says, and no farther than
+    ``limits`` (least and most, m) where they are known; None where nothing is left between them.
+    """
+    least, most = scan.range_min, scan.range_max
+    if limits is not None:
+        least, most = max(least, limits[0]), min(most, limits[1])
+    return None if most <= least else replace(mount, range_min=least, range_max=most)
 
 
 def as_trained(scan: BaseScan, laser: LaserConfig) -> NDArray[np.float32]:

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lndrl.localization import Scanner
 from lndrl.robot.driving.belief import Estimate, Localization
-from lndrl.robot.driving.frames import Frames, planar
+from lndrl.robot.driving.frames import Frames, mounted, planar
 from lndrl.robot.driving.maps import MapFaultError, RobotMap
 from lndrl.robot.driving.odometry import Wheels
 from lndrl.robot.driving.people import Follower, Seen, seen
 from lndrl.robot.driving.pilot import in_base
 from lndrl.robot.driving.reasons import Reason
-from lndrl.robot.driving.scans import BaseScan, about_base, fault
+from lndrl.robot.driving.scans import BaseScan, about_base, fault, scanner_of
 from lndrl.robot.messages import (
     SECOND,
     Content,
@@ -60,8 +61,9 @@ class Senses:
     """The newest of everything. ``now`` is s of a clock that never jumps; ``clock`` ns of the one
     that stamps are by, None where there is none to compare with.
 
-    ``mounting`` (4, 4) of the scanner and ``map_``, where given, are believed rather than the
-    robot's. ``button``: of a joystick that enables.
+    ``mount`` (how the scanner stands) and ``map_``, where given, are believed rather than the
+    robot's; ``limits`` (m, least and most) hold beside those that a scan says. ``button``: of a
+    joystick that enables.
     """
 
     def __init__(
@@ -69,7 +71,8 @@ class Senses:
         localization: Localization,
         robot_radius: float,
         trust: Trust | None = None,
-        mounting: Floats | None = None,
+        mount: Scanner | None = None,
+        limits: tuple[float, float] | None = None,
         map_: RobotMap | None = None,
         enabling: bool = False,
         button: int = 0,
@@ -80,8 +83,8 @@ class Senses:
         self.scan: BaseScan | None = None
         self.goal: StampedPose | None = None
         self.robot_said: StampedPose | None = None
-        self._radius, self._mounting, self._button = robot_radius, mounting, button
-        self._enabling, self._enabled_at = enabling, -np.inf
+        self.radius, self._mount, self._limits = robot_radius, mount, limits
+        self._enabling, self._button, self._enabled_at = enabling, button, -np.inf
         self._given_map = map_ is not None
         self.map: RobotMap | None = None
         self._last: dict[str, tuple[float, float]] = {}  # arrival (s), age at that (s)
@@ -193,6 +196,13 @@ class Senses:
         # A clock that is wrong says nothing of ages: the time since it came is all there is.
         return now - at + (max(age, 0.0) if abs(age) <= self.trust.clocks else 0.0)
 
+    def scan_age(self, now: float) -> float | None:
+        """s since ``scan`` was so; newer ones may wait for their odometry, or be of no use."""
+        age = self.age("scan", now)
+        if age is None or self.scan is None:
+            return None
+        return age + max(self._stamps.get("scan", 0) - self.scan.stamp, 0) / SECOND
+
     def _ages(self, now: float, found: dict[Reason, str]) -> None:
         needed = (
             ("scan", Reason.NO_SCAN, Reason.SCAN_STALE, "scan"),
@@ -245,7 +255,7 @@ class Senses:
         self._jumped = reason, words
         self.localization.forget()
         self.localization.fault = None
-        self.estimate = None
+        self.estimate = self.scan = None
 
     def _take_scan(self, scan: Scan, now: float) -> None:
         wrong = fault(scan, self._before)
@@ -253,7 +263,9 @@ class Senses:
             self._before = scan
         if wrong is not None:
             self._faults["scan"] = wrong
-            return
+            # A scan that shows nothing still says that time has passed: the belief grows wider.
+            if wrong[0] is not Reason.SCAN_BLIND:
+                return
         self._waiting.append(scan)
         self._localize()
 
@@ -261,28 +273,44 @@ class Senses:
         """Take the scans that wait into the belief, as far as the odometry has come."""
         while self._waiting:
             scan = self._waiting[0]
-            mounting = self._mounting
-            if mounting is None:
-                frame = scan.frame or self.base
-                mounting = self.frames.find(self.base, frame)
-                if not self.wheels.child:
-                    return  # nobody has said yet how the base's frame is called
-                if mounting is None:
-                    words = f"no transform leads from {self.base} to the scan's frame {frame}"
-                    self._faults["mounting"] = Reason.NO_SCANNER_POSE, words
-                    self._waiting.popleft()
-                    continue
-            self._faults["mounting"] = None
+            if self._mount is None and not self.wheels.child:
+                return  # nobody has said yet how the base's frame is called
+            scanner = self._scanner(scan)
+            passed = self.scan is not None and scan.stamp <= self.scan.stamp
+            if scanner is None or passed:  # a later one came first
+                self._waiting.popleft()
+                continue
             if self.wheels.at(scan.stamp) is None:
                 if (last := self.wheels.stamp) is None or scan.stamp > last:
                     return
                 self._waiting.popleft()  # from before all that the wheels remember
                 continue
             self._waiting.popleft()
-            self.scan = about_base(scan, mounting)
+            self.scan = about_base(scan, scanner)
             self.estimate = self.localization.update(self.scan, self.wheels)
             if self.estimate is not None:
                 self._jumped = None
+
+    def _scanner(self, scan: Scan) -> Scanner | None:
+        """How the scanner of ``scan`` stands and sees; None, and a fault, where that is unknown."""
+        mount, self._faults["mounting"] = self._mount, None
+        if mount is None:
+            frame = scan.frame or self.base
+            matrix = self.frames.find(self.base, frame)
+            if matrix is None:
+                words = f"no transform leads from {self.base} to the scan's frame {frame}"
+                self._faults["mounting"] = Reason.NO_SCANNER_POSE, words
+                return None
+            mount = mounted(matrix)
+        found = scanner_of(scan, mount, self._limits)
+        if found is None and self._limits is not None:
+            least, most = self._limits
+            self._faults["mounting"] = (
+                Reason.SCAN_INVALID,
+                f"a scan reaches from {scan.range_min:g} m to {scan.range_max:g} m, by the robot's "
+                f"file it reaches from {least:g} m to {most:g} m",
+            )
+        return found
 
     def _take_odometry(self, odometry: Odometry, now: float) -> None:
         wrong = self.wheels.add(odometry)
@@ -299,7 +327,7 @@ class Senses:
         if self._given_map:
             return
         try:
-            map_ = RobotMap.of_message(message, self._radius)
+            map_ = RobotMap.of_message(message, self.radius)
         except MapFaultError as error:
             self._faults["map"] = error.reason, error.words
             return

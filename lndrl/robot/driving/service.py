@@ -44,8 +44,8 @@ class Wanted:
     people: bool = True
     enable: Topic | None = None
     simulated: bool = False
-    command_type: str | None = None
-    """One of the two that commands can have; None: whichever the robot listens to."""
+    stamped: bool = False
+    """Whether commands are TwistStamped until the robot says itself which it listens to."""
 
 
 class DriveService:
@@ -63,7 +63,7 @@ class DriveService:
         """s from a scan's arrival to the command that was decided on it, for each decision."""
         self._link, self._recorder = link, recorder
         self._publishers: dict[tuple[str, str], Publisher] = {}
-        self._command_types = {wanted.command_type or names.TWIST}
+        self._command_types = {names.TWIST_STAMPED if wanted.stamped else names.TWIST}
         self._purposes: dict[Topic, str] = {}
         self._clock: int | None = None
         self._ticked = time.monotonic()
@@ -180,14 +180,13 @@ class DriveService:
 
     def _choose_command_type(self) -> None:
         """Command in the types that the robot listens to."""
-        if self.wanted.command_type is None:
-            command = self.wanted.topics.command
-            heard = {
-                each.type
-                for each in self._link.endpoints()
-                if each.kind == "subscriber" and each.topic == command
-            }
-            self._command_types = heard & set(_COMMANDS) or self._command_types
+        command = self.wanted.topics.command
+        heard = {
+            each.type
+            for each in self._link.endpoints()
+            if each.kind == "subscriber" and each.topic == command
+        }
+        self._command_types = heard & set(_COMMANDS) or self._command_types
         for each in self._command_types:
             self._publisher("command", each)
 

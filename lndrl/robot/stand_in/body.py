@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
-from lndrl.localization import AMCL, LikelihoodMap, amcl_beam_stride
+from lndrl.localization import AMCL, LikelihoodMap, Scanner
 from lndrl.navigation.families import Family
 from lndrl.navigation.navigation import layout_of
 from lndrl.randomness import Stream, episode_states
@@ -33,44 +33,30 @@ Floats = NDArray[np.float64]
 MAP, ODOM, BASE, LASER = "map", "odom", "base_link", "base_scan"
 """Frames, by REP 105."""
 RANGE_MIN = 0.05
-"""m; the simulated laser has none, so it is less than the robot's own radius."""
-
-
-@dataclass(frozen=True)
-class Scanner:
-    """Where the scanner is on the base: m, rad; ``upside_down``: its beams run clockwise."""
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-    upside_down: bool = False
-
-    @property
-    def pose(self) -> Floats:
-        """(3,) on the base."""
-        return np.array([self.x, self.y, self.yaw])
-
-    @property
-    def rotation(self) -> Floats:
-        """(3, 3) from the scanner's axes to the base's."""
-        flipped = np.diag([1.0, -1.0, -1.0]) if self.upside_down else np.eye(3)
-        turned: Floats = geometry.rotation(self.yaw) @ flipped
-        return turned
+"""m, of a scanner that has none: less than the robot's own radius."""
 
 
 class Body:
     """The robot of test episodes of ``config``, which ``lndrl evaluate`` would drive in.
 
-    ``localizes``: it has an AMCL of its own. Between episodes the robot is carried to the next
+    ``scanner``: how it stands, and below which range it is blind; it sees as far as the laser of
+    ``config``. ``localizes``: it has an AMCL of its own. ``fastest`` (m/s, rad/s): commands beyond
+    are cut; None: none is. Between episodes the robot is carried to the next
     start, of which its odometry notices nothing. Call ``begin`` first. Raises UserError for an
     impossible scenario.
     """
 
     def __init__(
-        self, config: RunConfig, scanner: Scanner | None = None, localizes: bool = False
+        self,
+        config: RunConfig,
+        scanner: Scanner | None = None,
+        localizes: bool = False,
+        fastest: tuple[float, float] | None = None,
     ) -> None:
         self.config = config
-        self.scanner = scanner or Scanner()
+        laser = config.world.laser
+        self.scanner = replace(scanner or Scanner(), range_max=float(laser.range_max))
+        self._fastest = fastest or (np.inf, np.inf)
         self._localizes = localizes
         self._layout = -1
         self._odometry = np.zeros(3)  # where the odometer's zero of this episode is
@@ -115,8 +101,10 @@ class Body:
     def tick(self, v: float, w: float) -> bool:
         """A tick with the command ``v`` (m/s), ``w`` (rad/s); says whether something is touched.
 
-        Wheels slip anew in every control step, as in training.
+        Velocities follow it as fast as ``world.robot.acceleration`` lets them. Wheels slip anew in
+        every control step, as in training.
         """
+        v, w = np.clip((v, w), np.negative(self._fastest), self._fastest).tolist()
         if self._ticks % self.config.world.ticks_per_step == 0:
             self.world.begin_step(v, w)
         self.world.command[:] = v, w
@@ -144,11 +132,13 @@ class Body:
     def mounting(self, stamp: int) -> Transforms:
         """Where the scanner is on the base."""
         at = np.array([self.scanner.x, self.scanner.y, 0.2])
-        return Transforms((Transform(stamp, BASE, LASER, at, self.scanner.rotation),))
+        flipped = np.diag([1.0, -1.0, -1.0]) if self.scanner.upside_down else np.eye(3)
+        turned = geometry.rotation(self.scanner.yaw) @ flipped
+        return Transforms((Transform(stamp, BASE, LASER, at, turned),))
 
     def odometry(self, stamp: int) -> Odometry:
         """What the wheels say."""
-        return Odometry(stamp, ODOM, BASE, self._pose_odometry(), self.world.command.copy())
+        return Odometry(stamp, ODOM, BASE, self._pose_odometry(), self.world.robot.velocity.copy())
 
     def transforms(self, stamp: int) -> Transforms:
         """odom to base, and map to odom where the robot localizes itself."""
@@ -181,22 +171,23 @@ class Body:
         """
         laser, world = self.config.world.laser, self.world
         setting = world.batch.setting
-        pose = geometry.chained(world.pose_true, self.scanner.pose)
+        scanner = self.scanner
+        pose = geometry.chained(world.pose_true, np.array([scanner.x, scanner.y, scanner.yaw]))
         ranges = np.empty(laser.beams, np.float32)
         noisy_scan(
             setting.rays, setting.fan, pose, world.leg_position, setting.leg_radius, 1,
             world.robot.laser_random, world.batch.scratch.laser, ranges,
         )  # fmt: skip
         if self._filter is not None:
-            self._filter.update(
-                world.pose_odometry, ranges[:: self._stride], self._bearings[:: self._stride]
-            )
+            self._filter.update(world.pose_odometry, ranges, self._bearings)
         shown = np.where(ranges >= laser.range_max, np.float32(np.inf), ranges)
+        shown[ranges <= scanner.range_min] = 0.0  # as drivers write what is too near
         first, increment = -0.5 * laser.field_of_view, laser.field_of_view / laser.beams
-        if self.scanner.upside_down:
+        if scanner.upside_down:
             shown, first = shown[::-1].copy(), -(first + increment * (laser.beams - 1))
+        nearest = max(scanner.range_min, RANGE_MIN)
         return Scan(
-            stamp, LASER, first, increment, RANGE_MIN, laser.range_max, shown,
+            stamp, LASER, first, increment, nearest, laser.range_max, shown,
             scan_time=self.config.world.tick,
         )  # fmt: skip
 
@@ -228,14 +219,13 @@ class Body:
         self._shift = np.array([*self.place.map_origin, 0.0])
         self._layout = layout
         self._filter: AMCL | None = None
-        self._stride = amcl_beam_stride(laser, config.localization)
         increment = laser.field_of_view / laser.beams
-        self._bearings = (-0.5 * laser.field_of_view + increment * np.arange(laser.beams)).astype(
-            np.float32
-        )
+        # In the order in which the world casts them, whichever way the scanner counts.
+        upright = replace(self.scanner, upside_down=False)
+        self._bearings = upright.bearings(-0.5 * laser.field_of_view, increment, laser.beams)
         if self._localizes:
             field = LikelihoodMap.build(self.place.grid, config.localization, laser)
-            self._filter = AMCL(field, config.localization, laser)
+            self._filter = AMCL(field, config.localization, laser, scanner=self.scanner)
 
 
 def _transform(stamp: int, parent: str, child: str, pose: Floats) -> Transform:

@@ -21,7 +21,11 @@ _REMEMBERED = 200
 
 @dataclass(frozen=True)
 class DrivenEpisode:
-    """An episode as a robot has driven it: s, m, errors (m, rad) as means over control steps."""
+    """An episode as a robot has driven it: s, m, errors (m, rad) as means over control steps.
+
+    ``stood``: whether the robot drove no more when the episode ended; who touches it then has
+    walked into it.
+    """
 
     episode: int
     outcome: Outcome
@@ -30,6 +34,7 @@ class DrivenEpisode:
     distance: float
     position_error: float
     angle_error: float
+    stood: bool
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types."""
@@ -93,4 +98,5 @@ class Judge:
             distance=self._distance,
             position_error=self._position / self._judged if self._judged else math.nan,
             angle_error=self._angle / self._judged if self._judged else math.nan,
+            stood=float(self._body.world.robot.velocity[0]) == 0.0,
         )

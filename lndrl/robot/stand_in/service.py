@@ -35,6 +35,8 @@ FIRST_STAMP = 100 * SECOND
 """ns of simulated time at the start; 0 stands for no time in ROS."""
 _ANNOUNCED_EVERY = 1.0
 """s between two tellings of start and goal until somebody drives."""
+_LISTENS = 0.1
+"""s for which it hears nothing but messages."""
 _NEAR = 1.0
 """m from the start within which a driver has taken up what it was told."""
 
@@ -216,8 +218,10 @@ class StandIn:
             # While nobody drives it is as if time had a pace, or it would be told for nothing.
             until = time.monotonic() + (self.rehearsal.patience if started else self._tick)
             while not self._answered.is_set() and not stop.is_set():
-                if not self._hear(until - time.monotonic()):
+                left = until - time.monotonic()
+                if left <= 0.0:
                     break
+                self._hear(min(left, _LISTENS))  # a little at a time: it may be told to stop
             return
         until = self._began + (self._ticks + 1) * self._tick / pace
         if until < time.monotonic() - 1.0:  # too slow for this pace: no catching up in a rush

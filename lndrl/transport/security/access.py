@@ -22,12 +22,14 @@ from lndrl.transport.keys import (
     UPLOAD,
     VALIDATION,
     WEIGHTS,
+    WORLDS,
     in_namespace,
 )
 
 ROLES = ("learner", "actor", "dashboard", "evaluator", "operator", "site")
 EVERY_UPLOAD = f"{UPLOAD}/**"
 EVERY_ACTOR = f"{ACTORS}/**"
+EVERY_WORLD = f"{WORLDS}/**"
 
 # Message kinds that come from a client (ingress) and go to it (egress) when it does something.
 ACTIONS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -56,11 +58,13 @@ RIGHTS = (
     *(Right("actor", "ask", key) for key in (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, PING)),
     Right("actor", "hear", ANNOUNCE),
     Right("actor", "appear", EVERY_ACTOR),
+    Right("actor", "say", EVERY_WORLD),
     *(Right("dashboard", "ask", key) for key in (STATUS, PING)),
-    Right("dashboard", "hear", STATUS),
+    # A live world is looked at like the status: it asks nothing of the run.
+    *(Right("dashboard", "hear", key) for key in (STATUS, EVERY_WORLD)),
     # An operator is a dashboard that may also ask for something.
     *(Right("operator", "ask", key) for key in (STATUS, PING, OPERATION)),
-    Right("operator", "hear", STATUS),
+    *(Right("operator", "hear", key) for key in (STATUS, EVERY_WORLD)),
     # What to validate and what came of it are asked and told under one key.
     *(Right("evaluator", "ask", key) for key in (VALIDATION, WEIGHTS, PING)),
     # A site asks for all its actors and evaluators, and they appear through it.
@@ -70,6 +74,7 @@ RIGHTS = (
     ),
     Right("site", "hear", ANNOUNCE),
     Right("site", "appear", EVERY_ACTOR),
+    Right("site", "say", EVERY_WORLD),
     # A learner that is itself the router passes no rule; these serve one behind a router.
     *(
         Right("learner", "answer", key)

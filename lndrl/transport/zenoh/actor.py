@@ -47,6 +47,7 @@ from lndrl.transport.zenoh.session import (
     first_answer,
     open_connecting,
 )
+from lndrl.transport.zenoh.stage import Stage
 
 REST = 0.2
 FAILURES_UNTIL_REOPEN = 3
@@ -79,6 +80,7 @@ class ZenohActor(Bookkeeper):
         self._failures = 0
         self._carriers: list[threading.Thread] = []
         self._guard: ExitGuard | None = None
+        self._stage: Stage | None = None
         self._told: Any = None  # the channel of an answer that nobody waits for
 
     def hello(self, hello: Hello, timeout: float = 10.0) -> Welcome:
@@ -135,6 +137,17 @@ class ZenohActor(Bookkeeper):
             # What a session receives is settled when it opens; larger weights would never come.
             with self._opening:
                 self._renew(self._session)
+
+    def watched(self) -> bool:
+        """Whether somebody watches this actor's world."""
+        stage = self._stage
+        return stage is not None and stage.watched
+
+    def show(self, frame: bytes) -> None:
+        """Send a frame to whoever watches."""
+        stage = self._stage
+        if stage is not None:
+            stage.show(frame)
 
     def flush(self, timeout: float) -> bool:
         """Wait until every chunk is settled."""
@@ -244,6 +257,7 @@ class ZenohActor(Bookkeeper):
         news = session.zenoh.declare_subscriber(ANNOUNCE, zenoh.handlers.RingChannel(1))
         self._entities.append(news)
         session.pump("news", news.handler, self._on_news)
+        self._stage = Stage(session.zenoh, self._hello.actor_id)
 
     def _on_news(self, sample: zenoh.Sample) -> None:
         news, _ = decode(sample.payload.to_bytes(), WeightsAnnouncement)
@@ -320,6 +334,7 @@ class ZenohActor(Bookkeeper):
         if former is not None:
             former.close()
         self._entities = []
+        self._stage = None
         self._session = None
         try:
             session = self._connect(REOPEN_SECONDS)

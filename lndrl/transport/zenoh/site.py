@@ -33,6 +33,7 @@ from lndrl.transport.zenoh.session import (
     open_connecting,
     open_listening,
 )
+from lndrl.transport.zenoh.stage import Window
 
 CAPACITY = 4096
 THREADS = 8  # that hand out answers: links within the site that may be slow before others wait
@@ -63,6 +64,7 @@ class ZenohSite:
         self.cache = WeightsCache(self._fetch)
         self._connect, self._config, self._upwards, self._say = connect, config, upwards, say
         self._tokens: dict[str, Any] = {}
+        self._windows: dict[str, Window] = {}
         self._entities: list[Any] = []
         self._news: Any = None
         self._heard = time.monotonic()
@@ -183,6 +185,7 @@ class ZenohSite:
     def _on_member(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
         with self._turn:
+            self._shut(key)
             token = self._tokens.pop(key, None)
             with suppress(zenoh.ZError):  # its session may be gone
                 if token is not None:
@@ -194,6 +197,14 @@ class ZenohSite:
         self._tokens[key] = None  # until there is a session, which asks for all
         with suppress(zenoh.ZError):
             self._tokens[key] = self._up.zenoh.liveliness().declare_token(key)
+            actor_id = key.removeprefix(f"{ACTORS}/").partition("/")[0]
+            self._shut(key)
+            self._windows[key] = Window(self._down.zenoh, self._up.zenoh, actor_id, self._work.put)
+
+    def _shut(self, key: str) -> None:
+        window = self._windows.pop(key, None)
+        if window is not None:
+            window.close()
 
     def _fetch(self, wanted: str, reply: Reply) -> None:
         answers: list[Found] = []

@@ -25,6 +25,7 @@ from lndrl.transport.zenoh.session import (
     cure,
     open_connecting,
 )
+from lndrl.transport.zenoh.stage import Seat
 
 POLL = 0.05
 
@@ -88,6 +89,13 @@ class ZenohViewer:
         raise UserError(
             f"the learner lets this viewer ask for no {action}, or is of an older version"
         )
+
+    def watch(self, actor_id: str) -> Seat:
+        """Have an actor show a world."""
+        try:
+            return Seat(self._connect(5.0).zenoh, actor_id)
+        except UnreachableError:
+            raise UserError(f"the learner at {self._destination} does not answer") from None
 
     def stream(self, silence: float | None = None) -> Iterator[dict[str, Any] | None]:
         """Snapshots as they are published; raises UserError when no learner can be reached."""

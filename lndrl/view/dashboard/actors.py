@@ -91,6 +91,11 @@ def matching(actors: Sequence[ActorStatus], needle: str) -> list[ActorStatus]:
     ]
 
 
+def first_here(actors: Sequence[ActorStatus]) -> ActorStatus | None:
+    """The first that is not gone, if any."""
+    return next((actor for actor in actors if actor.state != "gone"), None)
+
+
 @dataclass(frozen=True)
 class _Column:
     title: str

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from lndrl.errors import UserError
+from lndrl.transport.frames import Watching
 from lndrl.transport.status import HistoryRow, Status, parse_history, parse_reply
 
 ASK_EVERY = 0.5
@@ -29,6 +30,10 @@ class Viewer(Protocol):
 
     def request(self, action: str, run_id: str, timeout: float = PATIENCE) -> str:
         """What comes of asking for ``action``, in words; raises UserError with why nothing."""
+        ...
+
+    def watch(self, actor_id: str) -> Watching:
+        """Have an actor show a world; raises UserError where no learner can be reached."""
         ...
 
     def close(self) -> None:
@@ -97,6 +102,13 @@ class Feed:
             return str(error)
         except Exception as error:  # of a connection that is lost meanwhile
             return f"nobody answered ({type(error).__name__})"
+
+    def watch(self, actor_id: str) -> Watching:
+        """Have an actor show a world; raises UserError where there is no connection."""
+        viewer = self._viewer
+        if viewer is None:
+            raise UserError("there is no connection")
+        return viewer.watch(actor_id)
 
     def close(self) -> None:
         """Stop asking and end the connection; does not wait for an answer that is due."""

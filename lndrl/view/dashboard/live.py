@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rich.console import Console, Group
@@ -22,12 +22,18 @@ LINE_EVERY = 30.0
 """s after which a line is printed even if nothing was learned."""
 
 
-def show_live(feed: Feed, console: Console, theme: str = "auto") -> None:
+def show_live(feeds: Sequence[Feed], console: Console, theme: str = "auto") -> None:
     """Redraw until q is pressed; raises KeyboardInterrupt on Ctrl-C, the terminal restored."""
     with key_presses() as keys:
-        board = Board(console, keys, theme, request=feed.request)
+        board = Board(
+            console,
+            keys,
+            theme,
+            requests=[feed.request for feed in feeds],
+            watches=[feed.watch for feed in feeds],
+        )
         with board:
-            while board.turn(feed.newest, REDRAW_EVERY):
+            while board.turn([feed.newest for feed in feeds], REDRAW_EVERY):
                 pass
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rich.console import Group
@@ -130,6 +130,37 @@ def _alone(
         panel = zoomed(status, history, view, inside, rows)
     panel.lines.extend(fit(Text(), inside) for _ in range(rows - len(panel.lines)))
     return [*top, *frame(panel, width, boxed, not view.helping)][:height], panel.shown
+
+
+def abreast(pictures: Sequence[list[Text]], width: int) -> list[Text]:
+    """Pictures whose lines have ``width`` cells, side by side with a cell between them."""
+    if len(pictures) == 1:
+        return list(pictures[0])
+    blank = fit(Text(), width)
+    lines = []
+    for row in range(max(map(len, pictures))):
+        line = Text(no_wrap=True)
+        for i, picture in enumerate(pictures):
+            line.append(" " if i else "")
+            line.append_text(picture[row] if row < len(picture) else blank)
+        lines.append(line)
+    return lines
+
+
+def alone(
+    status: Status, width: int, height: int, stale_age: float, panel: Callable[[int, int], Panel]
+) -> list[Text]:
+    """The header, where there is room, and one panel that ``panel`` makes, told how wide and how
+    high it is inside; ``height`` lines in all.
+    """
+    width = max(width, NARROWEST)
+    boxed = width >= ROOMY[0] and height >= ROOMY[1]
+    inside = width - 4 if boxed else width
+    top = frame(panels.header(status, inside, stale_age, 1), width, boxed)
+    if not boxed:
+        top = top[:3] if height >= 20 else []
+    rows = max(height - len(top) - (2 if boxed else 1), 1)
+    return [*top, *frame(panel(inside, rows), width, boxed)][:height]
 
 
 def _as_fits(
@@ -265,4 +296,4 @@ def plain_line(status: Status, stale_age: float = 0.0) -> str:
     return "  ".join(parts).replace(MISSING, "-")
 
 
-__all__ = ["Picture", "draw", "plain_line", "render"]
+__all__ = ["Picture", "abreast", "alone", "draw", "plain_line", "render"]

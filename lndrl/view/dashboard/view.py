@@ -22,6 +22,8 @@ KEYS = (
     ("PgUp PgDn Home End", "scroll actors or events; arrows do, too, on the whole screen"),
     ("s", "actors by: worst first, name, host, steps/s, lag, steps"),
     ("/", "only actors whose name, host or state has these words; Esc: all"),
+    ("l", "the live world of the first actor shown; arrows: of the next; l or Esc: back"),
+    ("1 to 9", "of several runs: the one that c and S ask, and that scrolls"),
     ("c", "ask the learner for a checkpoint; takes the role operator"),
     ("S", "twice: stop the run, which leaves a checkpoint; takes the role operator"),
 )
@@ -47,6 +49,10 @@ class View:
     """Rows of actors above the first one shown."""
     back: int = 0
     """Newer events below the last one shown."""
+    run: int = 0
+    """Which of several runs is asked, and shown where there is room for one only."""
+    watching: bool = False
+    """Whether an actor's live world is shown instead of the panels."""
     stop_asked: float | None = None
     """Monotonic s of the first S."""
 
@@ -60,6 +66,7 @@ class Extent:
     actor_rows: int = 1
     events: int = 0
     event_rows: int = 1
+    runs: int = 1
 
 
 def press(
@@ -71,8 +78,8 @@ def press(
 ) -> tuple[View, str]:
     """The view after ``key`` (see ``keys.NAMES``), and what is asked for: nothing, or one word.
 
-    The words are leave, checkpoint and stop. ``panels`` are those that there are, ``now`` is in
-    monotonic s.
+    The words are leave, checkpoint, stop, and of live worlds watch, next and previous. ``panels``
+    are those that there are, ``now`` is in monotonic s.
     """
     extent = extent or Extent()
     if view.typing:
@@ -87,7 +94,25 @@ def press(
         return replace(view, stop_asked=now), ""
     if key == "c":
         return view, "checkpoint"
+    if key == "l":
+        return replace(view, watching=not view.watching), "" if view.watching else "watch"
+    if view.watching:
+        return _at_a_world(view, key, extent)
     return _looking(view, key, extent, panels)
+
+
+def _at_a_world(view: View, key: str, extent: Extent) -> tuple[View, str]:
+    """What keys do while a live world is shown."""
+    if key == "escape":
+        return replace(view, watching=False), ""
+    if key in _FORWARD or key in _BACKWARD:
+        return view, "next" if key in _FORWARD else "previous"
+    changed, asked = _looking(view, key, extent, ())
+    if key in ("q", "Q", "?", " "):
+        return changed, asked
+    if changed.run != view.run:
+        return changed, "watch"
+    return view, ""
 
 
 def _looking(view: View, key: str, extent: Extent, panels: Sequence[str]) -> tuple[View, str]:
@@ -105,6 +130,8 @@ def _looking(view: View, key: str, extent: Extent, panels: Sequence[str]) -> tup
         return replace(view, typing=True, focus="actors", scroll=0), ""
     if key == "escape":
         return _back_out(view), ""
+    if key in "123456789" and int(key) <= extent.runs:
+        return replace(view, run=int(key) - 1, scroll=0, back=0), ""
     if key == "enter":
         return replace(view, zoomed=not view.zoomed, focus=view.focus or "actors"), ""
     if (rows := _rows(view, key, extent)) is not None:

@@ -48,23 +48,27 @@ def save_gif(
     close_up: bool = True,
     pixels: int = 960,
     progress: Callable[[int], None] | None = None,
+    figure: Callable[[int], Figure] | None = None,
 ) -> None:
     """Write an endless animation, ``pixels`` wide, one picture per snapshot.
 
     ``progress`` is told how many pictures are drawn; each takes a few tenths of a second.
-    Raises UserError without snapshots, OSError where ``path`` cannot be written.
+    ``figure``, ``FIGURE_WIDTH`` inches wide, of the snapshot with that number; by default
+    ``world_figure`` of it. Raises UserError without snapshots, OSError where ``path`` cannot be
+    written.
     """
     if not snapshots:
         raise UserError(f"{path}: there is nothing to show; an animation needs a snapshot")
     dpi = pixels / FIGURE_WIDTH
+    draw = figure or (lambda k: world_figure(snapshots[k], FIGURE_WIDTH, close_up))
 
-    def drawn(snapshot: WorldSnapshot) -> Image.Image:
-        return _image(world_figure(snapshot, FIGURE_WIDTH, close_up), dpi)
+    def drawn(k: int) -> Image.Image:
+        return image_of(draw(k), dpi)
 
-    palette = _palette([drawn(snapshots[i]) for i in sorted({0, len(snapshots) // 2})])
+    palette = _palette([drawn(i) for i in sorted({0, len(snapshots) // 2})])
     frames = []
-    for snapshot in snapshots:
-        frames.append(drawn(snapshot).quantize(palette=palette, dither=Image.Dither.NONE))
+    for k in range(len(snapshots)):
+        frames.append(drawn(k).quantize(palette=palette, dither=Image.Dither.NONE))
         if progress is not None:
             progress(len(frames))
     shown = max(round(1000 / fps), 20)
@@ -101,7 +105,8 @@ def _palette(samples: Sequence[Image.Image]) -> Image.Image:
     return together.quantize(COLOURS, dither=Image.Dither.NONE)
 
 
-def _image(figure: Figure, dpi: float) -> Image.Image:
+def image_of(figure: Figure, dpi: float) -> Image.Image:
+    """The figure's pixels."""
     figure.set_dpi(dpi)
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)

@@ -8,6 +8,7 @@ Figures are made directly, without pyplot, so nothing global changes and threads
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -239,7 +240,10 @@ def _draw_particles(snapshot: WorldSnapshot, axes: Axes, tick: float) -> None:
     particles = np.asarray(snapshot.particles, np.float64)
     if not len(particles):
         return
-    particles = particles[:: max(1, math.ceil(len(particles) / TICKED_PARTICLES))]
+    every = max(1, math.ceil(len(particles) / TICKED_PARTICLES))
+    weights = np.asarray(snapshot.weights) * len(particles)
+    size = 3.2 * np.clip(weights, 0.2, 5.0)[::every] if len(weights) else 3.2
+    particles = particles[::every]
     alpha = min(0.8, max(0.3, 150 / len(particles)))
     start = particles[:, :2]
     if tick > 0:
@@ -248,7 +252,9 @@ def _draw_particles(snapshot: WorldSnapshot, axes: Axes, tick: float) -> None:
         axes.add_collection(
             LineCollection(ticks, colors=[BELIEF], alpha=alpha, linewidths=0.8, zorder=7)
         )
-    axes.scatter(start[:, 0], start[:, 1], s=3.2, color=BELIEF, alpha=alpha, linewidths=0, zorder=7)
+    axes.scatter(
+        start[:, 0], start[:, 1], s=size, color=BELIEF, alpha=alpha, linewidths=0, zorder=7
+    )
 
 
 def draw_robot(snapshot: WorldSnapshot, axes: Axes, radius: float) -> None:
@@ -346,8 +352,16 @@ def legend_handles() -> list[Any]:
     ]
 
 
-def world_figure(snapshot: WorldSnapshot, width: float = 12.0, close_up: bool = True) -> Figure:
-    """A figure ``width`` inches wide: the place, a close view of the robot, a legend."""
+def world_figure(
+    snapshot: WorldSnapshot,
+    width: float = 12.0,
+    close_up: bool = True,
+    more: Sequence[Any] = (),
+) -> Figure:
+    """A figure ``width`` inches wide: the place, a close view of the robot, a legend.
+
+    ``more``: entries of the legend beside ``legend_handles``, for what is drawn over it.
+    """
     place_width, place_height = snapshot.size
     ratio = place_height / place_width
     legend, head, gap = 0.42, 0.36, 0.12
@@ -368,7 +382,8 @@ def world_figure(snapshot: WorldSnapshot, width: float = 12.0, close_up: bool = 
         side = min(CLOSE_UP, place_width, place_height)
         draw_world(snapshot, near, close_view(snapshot, side), title=False)
         _frame_view(figure.axes[0], close_view(snapshot, side))
-    add_legend(figure, legend_handles(), 6, **LEGEND_STYLE)
+    handles = [*legend_handles(), *more]
+    add_legend(figure, handles, len(handles), **LEGEND_STYLE)
     return figure
 
 

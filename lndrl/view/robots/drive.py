@@ -21,6 +21,10 @@ _LEGEND = (("robot, where it believes to be", _ROBOT), ("belief", _PARTICLE), ("
            ("goal", _GOAL), ("laser", _ECHO))  # fmt: skip
 _BESIDE = 26
 """Characters for the table of actions beside the map."""
+_ROOMY = 12
+"""Lines of a terminal from which there is one for the belief's health."""
+_UNSEEN = 0.03
+"""Share of the policy's view that may lack without a word."""
 _SHADES = " ░▒▓█"
 
 
@@ -30,7 +34,10 @@ def drive_screen(
     """``view`` in at most ``width`` x ``height`` characters. ``head`` says what drives whom;
     ``latency`` (s) is the usual time from a scan to its command.
     """
-    lines = [styled(head, "bold"), *_state(view, width), _numbers(view, latency)]
+    guard = styled("guard on", GOOD) if view.guard else styled("no guard", BAD)
+    lines = [styled(f"{head}, ", "bold") + guard, *_state(view, width), _numbers(view)]
+    if height >= _ROOMY:
+        lines.append(_health(view, latency))
     table = _actions(view, colours)
     beside = _BESIDE if table and width >= 70 else 0
     rows = height - len(lines) - 2
@@ -51,8 +58,8 @@ def _state(view: DriveView, width: int) -> list[Text]:
     """Driving, or every reason to stand, the first with what to do."""
     if not view.stops:
         v, w = view.command
-        held = "   the guard holds it back" if view.guarded else ""
-        return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s{held}", GOOD), Text("")]
+        held = styled(f"held back by the guard: {view.guarded}" if view.guarded else "", BELIEF)
+        return [styled(f"driving   {v:.2f} m/s   {w:+.2f} rad/s", GOOD), held]
     first = view.stops[0]
     style = QUIET if first.reason.is_rest else BAD
     said = wrap(f"standing {first}", width, 2)
@@ -63,17 +70,29 @@ def _state(view: DriveView, width: int) -> list[Text]:
     return found
 
 
-def _numbers(view: DriveView, latency: float | None) -> Text:
+def _numbers(view: DriveView) -> Text:
     said = [_where(view)]
     if view.estimate is not None:
         x, y, yaw = np.sqrt(np.maximum(view.estimate.variance, 0.0))
         said.append(f"± {np.hypot(x, y):.2f} m {np.degrees(yaw):.0f}°")
-        if np.isfinite(view.estimate.agreement):
-            said.append(f"map explains {100 * view.estimate.agreement:.0f} %")
-    if latency is not None:
-        said.append(f"answers in {1000 * latency:.1f} ms")
     said.append(f"{view.tally.arrivals} arrived, {view.tally.distance:.0f} m")
     return styled("   ".join(said), QUIET)
+
+
+def _health(view: DriveView, latency: float | None) -> Text:
+    """How well the belief stands, and how quick the answers are."""
+    said = []
+    health = None if view.estimate is None else view.estimate.health
+    if health is not None:
+        said.append(f"map explains {100 * health.agreement:.0f} %")
+        said.append(f"{100 * health.effective_share:.0f} % matter")
+        said.append(f"2nd place {100 * health.second_cluster:.0f} %")
+        said.append(f"{health.echoes} echoes")
+    if view.unseen > _UNSEEN:
+        said.append(f"blind in {100 * view.unseen:.0f} % of its view")
+    if latency is not None:
+        said.append(f"answers in {1000 * latency:.1f} ms")
+    return styled("  ".join(said), QUIET)
 
 
 def _where(view: DriveView) -> str:

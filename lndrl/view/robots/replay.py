@@ -47,6 +47,7 @@ def replay_table(title: str, summary: Mapping[str, Any]) -> Table:
         ]  # fmt: skip
     rows += [
         ("decisions, arrivals", f"{summary['decisions']:,}, {summary['arrivals']}"),
+        ("decisions that the guard would hold back", percent(summary["guarded"])),
         ("same command as recorded", percent(summary["same_commands"])),
     ]
     for words, value in rows:

@@ -9,11 +9,12 @@ import numpy as np
 
 from lndrl.config import RunConfig
 from lndrl.evaluation import settings_for
+from lndrl.localization import Scanner
 from lndrl.planners import planner_source
 from lndrl.robot.driving.assembly import DriveOptions, drive_config, make_driver
 from lndrl.robot.driving.pilot import Pilot
 from lndrl.robot.messages import Content, Velocity
-from lndrl.robot.stand_in import Body, Scanner
+from lndrl.robot.stand_in import Body
 from lndrl.scenario import Scenario
 
 ROOM = Scenario.model_validate(

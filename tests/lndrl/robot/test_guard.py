@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -168,6 +169,26 @@ def test_nothing_that_was_seen_is_ever_touched(
     tally = contest(400, made, bounds, seed)
     assert tally.steps == 400
     assert tally.seen == 0 and tally.walls == 0
+
+
+@settings(max_examples=6, deadline=None)
+@given(made=CASES, holds=st.integers(2, 6), seed=st.integers(0, 2**32 - 1))
+def test_nor_where_commands_are_revised_before_they_are_over(
+    made: Adversity, holds: int, seed: int
+) -> None:
+    """As ``lndrl drive`` does with every scan; what is let through may be ended after any tick."""
+    made = replace(made, ticks_per_step=1, holds=holds)
+    tally = contest(300, made, GuardConfig(delay=made.latency * made.tick), seed)
+    assert tally.seen == 0 and tally.walls == 0
+
+
+def test_choices_of_the_moment_and_what_is_liked_best() -> None:
+    guard, ahead = made(), post(0.9, 0.0)
+    slow = np.array([(0.1, 0.0), (0.0, 0.9), (0.0, -0.9)])
+    told, passed = let(guard, ahead, choices=lambda: slow, scores=[0.2, 0.3, 0.5])
+    assert not passed and told == pytest.approx((0.0, -0.9))
+    told, passed = let(guard, ahead, choices=lambda: slow)
+    assert not passed and any((told == each).all() for each in slow)
 
 
 def test_without_the_guard_they_are_touched() -> None:

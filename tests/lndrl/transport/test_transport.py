@@ -19,6 +19,7 @@ from lndrl.transport import (
     ChunkHeader,
     Hello,
     MemoryNetwork,
+    MessageError,
     Refusal,
     WeightsGoneError,
     Welcome,
@@ -27,6 +28,8 @@ from lndrl.transport import (
     open_learner,
     open_viewer,
 )
+from lndrl.transport.frames import encode_frame
+from tests.lndrl.transport.test_frames import arrays, frame
 
 PATIENCE = 60.0  # s, for machines with much else to do
 HELLO = Hello("actor-0", "first", "here", 1, 8, "0.1")
@@ -411,3 +414,53 @@ def test_closing_twice_and_uploading_afterwards(setup):
     actor.close()
     with pytest.raises(RuntimeError, match="closed"):
         actor.upload(*chunk(1))
+
+
+def test_a_world_is_shown_while_somebody_watches(setup):
+    setup.learner(RecordingHandlers())
+    actors = [setup.actor() for _ in range(2)]
+    for i, actor in enumerate(actors):
+        actor.hello(dataclasses.replace(HELLO, actor_id=f"actor-{i}"), timeout=PATIENCE)
+    shown, other = actors
+    assert not shown.watched(), "nobody asked"
+    viewers = [setup.viewer() for _ in range(2)]
+    seats = [viewer.watch("actor-0") for viewer in viewers]
+    assert eventually(shown.watched)
+    assert not other.watched(), "somebody else was asked"
+    seen: list[list[int]] = [[], []]
+
+    def both() -> bool:
+        shown.show(encode_frame(frame(sequence=len(seen[0]) + len(seen[1])), arrays()))
+        for seat, numbers in zip(seats, seen, strict=True):
+            if (found := seat.newest()) is not None:
+                numbers.append(found[0].sequence)
+        return all(len(numbers) >= 2 for numbers in seen)
+
+    assert eventually(both)
+    seats[0].close()
+    assert not eventually(lambda: not shown.watched(), 0.3), "the other one still watches"
+    viewers[1].close()  # as when a terminal is closed
+    if setup.kind == "memory":
+        seats[1].close()
+    assert eventually(lambda: not shown.watched())
+    shown.show(b"to nobody, and nothing is raised")
+    seats[0].close()
+
+
+def test_what_is_no_frame_is_said(setup):
+    setup.learner(RecordingHandlers())
+    actor, viewer = setup.actor(), setup.viewer()
+    actor.hello(HELLO, timeout=PATIENCE)
+    seat = viewer.watch("actor-0")
+    assert eventually(actor.watched)
+    actor.show(b"what another version says")
+
+    def refused() -> bool:
+        try:
+            return seat.newest() is not None
+        except (UserError, MessageError) as error:
+            assert "magic" in str(error)
+            return True
+
+    assert eventually(refused)
+    seat.close()

@@ -110,3 +110,8 @@ def test_a_teacher_with_a_memory_cannot_be_asked_about_what_nobody_met() -> None
     assert misfit(["imitation.vary=0.5", "ppo.teacher=predictive", "imitation.settings={}"]) is None
     said = misfit(["imitation.vary=0.5", "imitation.settings={}"])
     assert said is not None and "hears_commands: false" in said
+    # Nor about one whose velocities take time: a state that nobody met has no speed.
+    said = misfit(["imitation.vary=0.5", "world.robot=turtlebot2"])
+    assert said is not None and "say imitation.vary: 0" in said
+    assert misfit(["world.robot=turtlebot2"]) is None
+    assert load_config("shipped-robot").teacher_misfit() is None

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lndrl.bench.fleet.chunk import Template
+from lndrl.bench.fleet.model import ChunkCost, fitted
 from lndrl.bench.fleet.plan import Plan, plan_of
 from lndrl.bench.fleet.row import measure, quantile, shares_of
 from lndrl.bench.fleet.scene import fleet_config
@@ -64,6 +65,17 @@ def test_efficiency_is_that_of_an_actor_beside_the_smallest_row() -> None:
     assert [row["efficiency"] for row in with_efficiency(rows)] == [0.95, 1.0]
 
 
+def test_the_model_finds_the_costs_behind_two_full_doors_and_what_lies_between() -> None:
+    true = ChunkCost(each=0.4e-3, step=1e-6)
+    found = fitted(*((n, 1.0 / (true.each + true.step * n)) for n in (32, 1024)))
+    assert found.each == pytest.approx(true.each) and found.step == pytest.approx(true.step)
+    assert found.steps_per_second(1e9, 128) == pytest.approx(128 / 0.528e-3)
+    assert found.steps_per_second(300.0, 128) == 300.0  # no more than is offered
+    assert fitted((32, 100.0), (1024, 200.0)).step == 0.0  # a machine that got faster meanwhile
+    assert plan_of("8").model and not plan_of("8", site=True).model
+    assert not plan_of("8", link="100,0.01").model and not plan_of("8", "real").model
+
+
 def test_a_span_holds_whole_periods_of_every_actor() -> None:
     plan = Plan((1,), seconds=10.0)
     assert plan.period(1024) == pytest.approx(1024 / 300)
@@ -105,5 +117,6 @@ def test_a_small_fleet_is_measured_and_loses_nothing() -> None:
         assert row["steps_per_second"] > 0 and row["ack_p50_ms"] <= row["ack_p99_ms"]
         assert row["weights_seconds"] is not None and row["learner_rss_mb"] > 50
         assert row["worlds"] == 2 and row["offered_steps_per_second"] == row["actors"] * 300
+        assert row["predicted_steps_per_second"] is None
     assert json.loads(json.dumps(rows)) == rows
     assert table(rows, "drain").row_count == 1

@@ -45,6 +45,9 @@ def test_a_process_that_dies_is_said() -> None:
 
 
 def test_a_process_that_hangs_is_ended() -> None:
-    figures = do((hangs, ()), within=10.0)
+    for seconds in (8.0, 40.0):  # a busy machine needs longer to start it
+        figures = do((hangs, ()), within=seconds)
+        if "process" in figures:
+            break
     assert isinstance(figures["raised"], OutOfTimeError)
     assert not Path(f"/proc/{figures['process']}").exists()

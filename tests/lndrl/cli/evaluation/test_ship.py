@@ -8,7 +8,9 @@ import torch
 
 from lndrl.cli.main import run
 from lndrl.config import RunConfig, load_scenario
+from lndrl.errors import UserError
 from lndrl.evaluation.benchmark import BenchmarkSpec
+from lndrl.planners import planner_source
 from lndrl.policy import build_policy, load_policy, policy_metadata, read_policy, to_bytes
 
 ROOM = """
@@ -86,6 +88,24 @@ def test_what_it_is_meant_to_be_sampled_at_is_in_the_file_and_on_the_card(
     assert "| sampled at temperature | 1 |" in (tmp_path / "model-card.md").read_text()
     assert ship(policy, tmp_path / "x", "--temperature", "0") == 2
     assert "temperature 0 must be from 0.01 to 100" in capsys.readouterr().err
+
+
+def test_the_policy_for_robots_has_a_card_of_its_own(
+    policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    out = tmp_path / "robot.safetensors"
+    monkeypatch.setattr("lndrl.policy.weights.ROBOT_FILE", out)
+    with pytest.raises(UserError, match="shipped-robot: this build comes without it; train it by"):
+        read_policy("shipped-robot")
+    (tmp_path / "model-card-robot.md").write_text(PAGE)
+    assert ship(policy, out, "--as", "shipped-robot", "--temperature", "0.3") == 0
+    assert "next: lndrl benchmark --spec benchmark-robot" in capsys.readouterr().out
+    assert "| sampled at temperature | 0.3 |" in (tmp_path / "model-card-robot.md").read_text()
+    assert not (tmp_path / "model-card.json").exists() and not (tmp_path / "walk.npz").exists()
+    found = read_policy("shipped-robot")
+    assert found.temperature == 0.3 and found.origin.startswith("the policy that comes with lndrl")
+    assert planner_source("shipped-robot").label == "shipped-robot"
+    assert run(["ship", "card", "--docs", str(tmp_path)]) == 0
 
 
 def test_nothing_is_written_where_decisions_change(

@@ -39,6 +39,11 @@ robot: [{start: [1, 2, 2, 3], goal: [5, 2, 6, 3]}]
         ("drive shipped --topic scan", "--topic scan: must be FOR=NAME"),
         ("drive shipped --topic lidar=/scan", "topic lidar: there is none for that; known: scan"),
         ("drive nowhere", "nowhere: no such run folder or weights file"),
+        ("drive straight --robot turtelbot2", "did you mean turtlebot2?"),
+        ("drive straight --guard-set people=1", "--guard-set"),
+        ("drive straight --no-guard --guard-set body=1", "which --no-guard turns off"),
+        ("robot-sim --robot turtelbot2", "did you mean turtlebot2?"),
+        ("replay x.mcap --robot turtelbot2", "did you mean turtlebot2?"),
         ("drive straight --filter bset", "--filter bset: is unknown; known: paper, best"),
         ("robot-sim --mute lidar:1:2", "--mute lidar:1:2: nothing of that name"),
         ("robot-sim --mute scan:1", "--mute 1: must be 2 numbers"),
@@ -87,9 +92,10 @@ def test_a_rehearsal_from_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "room.yaml").write_text(ROOM)
     endpoint = free_endpoint()
     robot = start("robot-sim", "--scenario", "room.yaml", "--listen", endpoint, "--fast", "--json",
-                  "--episodes", "2", cwd=tmp_path)  # fmt: skip
+                  "--episodes", "2", "--robot", "turtlebot2", cwd=tmp_path)  # fmt: skip
     drive = start("drive", "straight", "--connect", endpoint, "--timeout", "120", "--plain",
-                  "--record", "drive.mcap", "--json", cwd=tmp_path)  # fmt: skip
+                  "--record", "drive.mcap", "--robot", "turtlebot2", "--json",
+                  cwd=tmp_path)  # fmt: skip
     try:
         out, err = robot.communicate(timeout=240)
         assert robot.returncode == 0, err
@@ -103,14 +109,18 @@ def test_a_rehearsal_from_the_command_line(tmp_path: Path) -> None:
         drive.kill()
     assert drive.returncode == 130 and "Traceback" not in err
     result = json.loads(out)
+    assert result["guard"] and 0.0 <= result["guarded"] < 0.5
+    assert any("sees nothing nearer than 0.2 m" in each for each in result["differences"])
+    assert "guard: on; people walk up to 0.5 m/s" in err and "robot turtlebot2: " in err
     assert result["arrivals"] == 2 and result["recorded_messages"] > 300
     assert result["latency_milliseconds"]["median"] > 0.0
     again = start("replay", "drive.mcap", "--policy", "straight", "--out", "belief.png", "--csv",
-                  "belief.csv", "--json", cwd=tmp_path)  # fmt: skip
+                  "belief.csv", "--robot", "turtlebot2", "--json", cwd=tmp_path)  # fmt: skip
     out, err = again.communicate(timeout=240)
     assert again.returncode == 0, err
     replayed = json.loads(out)
     assert replayed["beliefs"] > 50 and replayed["off_mean"] < 0.3
     assert replayed["reference"] == "/lndrl/pose"
+    assert replayed["guarded"] == pytest.approx(result["guarded"], abs=0.15)
     assert (tmp_path / "belief.png").stat().st_size > 5000
     assert len((tmp_path / "belief.csv").read_text().splitlines()) == replayed["beliefs"] + 1

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lndrl.config import LaserConfig
+from lndrl.localization import Scanner
 from lndrl.maps.grid import OccupancyGrid
 from lndrl.robot.driving import RobotMap, mounted
 from lndrl.robot.driving.frames import Frames, planar
@@ -16,7 +17,7 @@ from lndrl.robot.driving.maps import MapFaultError
 from lndrl.robot.driving.odometry import Wheels
 from lndrl.robot.driving.people import Follower
 from lndrl.robot.driving.reasons import Reason, in_order
-from lndrl.robot.driving.scans import about_base, as_trained, fault, thinned, uncovered
+from lndrl.robot.driving.scans import BaseScan, about_base, as_trained, fault, scanner_of, uncovered
 from lndrl.robot.geometry import between, chained, interpolated, inverse, rotation
 from lndrl.robot.messages import (
     SECOND,
@@ -36,18 +37,36 @@ def scan(ranges: np.ndarray, first: float = FIRST, step: float = STEP) -> Scan:
     return Scan(7, "laser", first, step, 0.15, 12.0, np.asarray(ranges, np.float32))
 
 
+def seen_from(scan: Scan, mount: Scanner | None = None) -> BaseScan:
+    scanner = scanner_of(scan, mount or Scanner(), None)
+    assert scanner is not None
+    return about_base(scan, scanner)
+
+
 def test_a_scan_of_the_trained_kind_passes_as_it_is() -> None:
     ranges = np.linspace(0.5, 11.0, 720).astype(np.float32)
     ranges[[5, 100, 300]] = np.inf, 12.0, 0.1  # none, at the maximum, below the minimum
-    seen = about_base(scan(ranges), np.eye(4))
+    seen = seen_from(scan(ranges))
     trained = as_trained(seen, LASER)
     expected = ranges.copy()
     expected[[5, 100, 300]] = np.inf
     assert np.allclose(trained, expected, rtol=1e-6)
     assert uncovered(seen, LASER) == 0.0
-    used, bearings = thinned(seen, 60)
-    assert np.allclose(used, expected[::12], rtol=1e-6)
-    assert np.allclose(bearings, FIRST + STEP * np.arange(0, 720, 12), atol=1e-6)
+    assert np.allclose(seen.own_bearings, FIRST + STEP * np.arange(720), atol=1e-6)
+
+
+def test_what_a_robots_file_says_of_its_scanner_holds_beside_the_message() -> None:
+    one = scan(np.ones(720))
+    assert scanner_of(one, Scanner(x=0.1), (0.3, 4.0)) == Scanner(
+        x=0.1, range_min=0.3, range_max=4.0
+    )
+    assert scanner_of(one, Scanner(), (0.0, 30.0)) == Scanner(range_min=0.15, range_max=12.0)
+    assert scanner_of(one, Scanner(), (13.0, 30.0)) is None
+    near = np.linspace(0.1, 8.0, 720)
+    scanner = scanner_of(scan(near), Scanner(), (0.3, 4.0))
+    assert scanner is not None
+    hit = np.isfinite(about_base(scan(near), scanner).ranges)
+    assert (hit == ((near > 0.3) & (near < 4.0))).all()
 
 
 @pytest.mark.parametrize("count", [181, 360, 1600])
@@ -57,7 +76,7 @@ def test_any_number_of_beams_becomes_the_trained_ones(count: int) -> None:
     angle = -np.pi + step * np.arange(count)
     with np.errstate(divide="ignore"):
         ranges = np.where(np.cos(angle) > 0.2, 2.0 / np.cos(angle), np.inf)
-    trained = as_trained(about_base(scan(ranges, -np.pi, step), np.eye(4)), LASER)
+    trained = as_trained(seen_from(scan(ranges, -np.pi, step)), LASER)
     wanted = FIRST + STEP * np.arange(720)
     hit = np.isfinite(trained)
     assert hit[np.cos(wanted) > 0.25].all() and not hit[np.cos(wanted) < 0.15].any()
@@ -66,7 +85,7 @@ def test_any_number_of_beams_becomes_the_trained_ones(count: int) -> None:
 
 
 def test_where_a_scanner_does_not_look_there_is_no_echo() -> None:
-    narrow = about_base(scan(np.ones(200), -0.5, 0.005), np.eye(4))
+    narrow = seen_from(scan(np.ones(200), -0.5, 0.005))
     trained = as_trained(narrow, LASER)
     wanted = FIRST + STEP * np.arange(720)
     assert np.isfinite(trained[np.abs(wanted) < 0.45]).all()
@@ -74,9 +93,20 @@ def test_where_a_scanner_does_not_look_there_is_no_echo() -> None:
     assert uncovered(narrow, LASER) == pytest.approx(1.0 - 1.0 / np.pi, abs=0.02)
 
 
+def matrix_of(scanner: Scanner) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation(scanner.yaw) @ np.diag(
+        [1, -1, -1] if scanner.upside_down else [1] * 3
+    )
+    matrix[:2, 3] = scanner.x, scanner.y
+    return matrix
+
+
 @pytest.mark.parametrize("upside_down", [False, True])
 def test_points_are_where_they_are_wherever_the_scanner_is(upside_down: bool) -> None:
-    mounting = mounted(0.2, -0.1, 2.0, upside_down)
+    scanner = Scanner(0.2, -0.1, 2.0, upside_down)
+    mounting = matrix_of(scanner)
+    assert mounted(mounting) == scanner
     echoes = np.array([[2.0, 1.0], [1.5, -1.0], [3.0, 0.1]])  # on the base
     seen = (np.linalg.inv(mounting) @ np.array([[x, y, 0.0, 1.0] for x, y in echoes]).T)[:2].T
     angle = np.arctan2(seen[:, 1], seen[:, 0])
@@ -84,7 +114,7 @@ def test_points_are_where_they_are_wherever_the_scanner_is(upside_down: bool) ->
     ranges = np.full(5000, np.inf, np.float32)
     step = 2 * np.pi / 5000
     ranges[np.rint((angle + np.pi) / step).astype(int) % 5000] = np.hypot(*seen.T)
-    found = about_base(scan(ranges, -np.pi, step), mounting)
+    found = seen_from(scan(ranges, -np.pi, step), scanner)
     hit = np.isfinite(found.ranges)
     reach, bearing = found.ranges[hit], found.bearings[hit]
     points = np.stack([reach * np.cos(bearing), reach * np.sin(bearing)], axis=1)

@@ -7,10 +7,12 @@ import pytest
 
 from lndrl.errors import UserError
 from lndrl.evaluation import EpisodeRunner
+from lndrl.localization import Scanner
 from lndrl.planners import planner_source
 from lndrl.robot import geometry
 from lndrl.robot.messages import SECOND, Clock, Odometry, Scan, StampedPose, Transforms
-from lndrl.robot.stand_in import Body, Conditions, Mute, Rehearsal, Scanner
+from lndrl.robot.shapes import load_shape, rehearsed
+from lndrl.robot.stand_in import Body, Conditions, Mute, Rehearsal
 from lndrl.robot.stand_in.conditions import Outbox
 from lndrl.robot.stand_in.judge import Judge
 from tests.lndrl.robot.rig import config_of
@@ -49,6 +51,33 @@ def test_what_sensors_say_fits_together() -> None:
     first, last = scan.angle_min, scan.angle_min + scan.angle_increment * 719
     assert first == pytest.approx(-np.pi / 2 + np.pi / 720) and last == pytest.approx(np.pi / 2)
     assert np.isinf(scan.ranges).any() or (scan.ranges < 12.0).all()
+
+
+def test_a_robot_of_a_file_drives_and_sees_as_that_says() -> None:
+    shape = load_shape("turtlebot2")
+    config = rehearsed(shape, config_of())
+    body = Body(config, shape.scanner.scanner(), fastest=(0.25, 3.14))
+    body.begin(0)
+    assert body.config.world.robot_radius == 0.18
+    for k in range(4):
+        body.tick(0.6, 0.0)
+        assert body.odometry(k).velocity[0] == pytest.approx(min(0.1 * (k + 1), 0.25))
+    scan = body.scan(9)
+    assert (len(scan.ranges), scan.range_min, scan.range_max) == (1600, 0.2, 12.0)
+    assert scan.angle_increment * 1600 == pytest.approx(2.0 * np.pi)
+    near = scan.ranges[scan.ranges <= np.float32(0.2)]
+    assert (near == 0.0).all(), "what is too near is no echo"
+
+
+def test_its_own_filter_knows_how_the_scanner_stands() -> None:
+    for scanner in (Scanner(0.15, 0.0, 2.0), Scanner(-0.1, 0.05, np.pi, upside_down=True)):
+        body = Body(config_of(), scanner, localizes=True)
+        body.begin(0)
+        for _ in range(20):
+            body.tick(0.3, 0.2)
+            body.scan(0)
+        pose = body.own_pose(3)
+        assert pose is not None and np.hypot(*(pose.pose - body.pose_true)[:2]) < 0.3
 
 
 def test_a_robot_that_is_carried_to_the_next_start_notices_nothing() -> None:
@@ -147,4 +176,7 @@ def test_episodes_end_by_the_rules_of_evaluate() -> None:
     assert judge.verdict(told(body.start, 11), False) == "timeout"
     assert Judge(body, 0, limited=False).verdict(None, False) is None
     record = judge.record("arrived")
+    assert record.stood
+    body.tick(0.3, 0.0)
+    assert not judge.record("collided").stood
     assert record.steps == body.steps_limit and record.to_dict()["outcome"] == "arrived"

@@ -21,6 +21,7 @@ from lndrl.transport.keys import (
 from lndrl.transport.security.access import (
     EVERY_ACTOR,
     EVERY_UPLOAD,
+    EVERY_WORLD,
     RIGHTS,
     allowed,
 )
@@ -29,14 +30,15 @@ from tests.lndrl.transport.security.sites import ANYTHING, PATIENCE, Site, Watch
 
 KEYS = (
     *(HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, STATUS, VALIDATION, OPERATION, PING),
-    *(EVERY_ACTOR, ANYTHING),
+    *(EVERY_ACTOR, EVERY_WORLD, ANYTHING),
 )
+NO_WORLD = tuple(key for key in KEYS if key != EVERY_WORLD)
 ACTIONS = ("ask", "answer", "hear", "say", "delete", "appear", "watch")
 
 # Everything that whoever is no learner must not do, key by key; the rest is what they are for.
 MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
     "actor": {
-        "ask": (STATUS, VALIDATION, OPERATION, EVERY_ACTOR, ANYTHING),
+        "ask": (STATUS, VALIDATION, OPERATION, EVERY_ACTOR, EVERY_WORLD, ANYTHING),
         "answer": KEYS,
         "hear": (
             HELLO,
@@ -47,9 +49,10 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
             OPERATION,
             PING,
             EVERY_ACTOR,
+            EVERY_WORLD,
             ANYTHING,
         ),
-        "say": KEYS,
+        "say": NO_WORLD,
         "delete": KEYS,
         "appear": (
             HELLO,
@@ -60,6 +63,7 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
             VALIDATION,
             OPERATION,
             PING,
+            EVERY_WORLD,
             ANYTHING,
         ),
         "watch": KEYS,
@@ -73,6 +77,7 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
             VALIDATION,
             OPERATION,
             EVERY_ACTOR,
+            EVERY_WORLD,
             ANYTHING,
         ),
         "answer": KEYS,
@@ -93,7 +98,16 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
         "watch": KEYS,
     },
     "evaluator": {
-        "ask": (HELLO, EVERY_UPLOAD, ANNOUNCE, STATUS, OPERATION, EVERY_ACTOR, ANYTHING),
+        "ask": (
+            HELLO,
+            EVERY_UPLOAD,
+            ANNOUNCE,
+            STATUS,
+            OPERATION,
+            EVERY_ACTOR,
+            EVERY_WORLD,
+            ANYTHING,
+        ),
         "answer": KEYS,
         "hear": KEYS,
         "say": KEYS,
@@ -102,7 +116,16 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
         "watch": KEYS,
     },
     "operator": {
-        "ask": (HELLO, EVERY_UPLOAD, WEIGHTS, ANNOUNCE, VALIDATION, EVERY_ACTOR, ANYTHING),
+        "ask": (
+            HELLO,
+            EVERY_UPLOAD,
+            WEIGHTS,
+            ANNOUNCE,
+            VALIDATION,
+            EVERY_ACTOR,
+            EVERY_WORLD,
+            ANYTHING,
+        ),
         "answer": KEYS,
         "hear": (
             HELLO,
@@ -121,7 +144,7 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
         "watch": KEYS,
     },
     "site": {
-        "ask": (STATUS, OPERATION, EVERY_ACTOR, ANYTHING),
+        "ask": (STATUS, OPERATION, EVERY_ACTOR, EVERY_WORLD, ANYTHING),
         "answer": KEYS,
         "hear": (
             HELLO,
@@ -132,9 +155,10 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
             OPERATION,
             PING,
             EVERY_ACTOR,
+            EVERY_WORLD,
             ANYTHING,
         ),
-        "say": KEYS,
+        "say": NO_WORLD,
         "delete": KEYS,
         "appear": (
             HELLO,
@@ -145,6 +169,7 @@ MUST_NOT: dict[str, dict[str, tuple[str, ...]]] = {
             VALIDATION,
             OPERATION,
             PING,
+            EVERY_WORLD,
             ANYTHING,
         ),
         "watch": KEYS,

@@ -29,6 +29,7 @@ from lndrl.transport import (
     open_learner,
     open_viewer,
 )
+from lndrl.transport.frames import encode_frame
 from lndrl.transport.keys import ANNOUNCE, PING, UPLOAD, WEIGHTS
 from lndrl.transport.messages import encode
 from lndrl.transport.security.access import (
@@ -46,6 +47,7 @@ from lndrl.transport.zenoh.session import (
 from lndrl.version import VERSION
 from tests.lndrl.transport.security.authority import make_certificates
 from tests.lndrl.transport.security.sites import PASSWORDS, PATIENCE, Site, Watcher, wait_until
+from tests.lndrl.transport.test_frames import arrays, frame
 
 GREETING = Hello("actor-0", "first", "here", 1, 8, VERSION)
 
@@ -140,6 +142,32 @@ def works(site: Site, learner: Any) -> None:
 
 def test_learner_actor_and_dashboard_work(site) -> None:
     works(site, site.learner())
+
+
+@pytest.mark.parametrize("role", ["dashboard", "operator", "actor", "evaluator"])
+def test_who_may_watch_a_world(role: str, tmp_path) -> None:
+    site = Site("tls", tmp_path)
+    try:
+        site.learner()
+        actor = open_actor(site.config.endpoint, site.config, site.security("actor"))
+        site.open.append(actor)
+        actor.hello(GREETING, timeout=PATIENCE)
+        viewer = open_viewer(site.config.endpoint, site.config, site.security(role))
+        site.open.append(viewer)
+        seat = viewer.watch("actor-0")
+
+        found: list[Any] = []
+
+        def seen() -> bool:
+            actor.show(encode_frame(frame(), arrays()))
+            found.append(seat.newest())
+            return any(each is not None for each in found)
+
+        may = role in ("dashboard", "operator")
+        assert wait_until(actor.watched, PATIENCE if may else 0.5) == may
+        assert wait_until(seen, PATIENCE if may else 0.5) == may
+    finally:
+        site.close()
 
 
 def test_they_work_in_a_namespace(tmp_path) -> None:

@@ -25,8 +25,11 @@ from lndrl.transport import (
     open_actor,
     open_learner,
     open_site,
+    open_viewer,
 )
+from lndrl.transport.frames import encode_frame
 from tests.lndrl.transport.security.authority import make_certificates
+from tests.lndrl.transport.test_frames import arrays, frame
 
 PATIENCE = 60.0
 BLOB = np.random.default_rng(0).bytes(3_000_000)
@@ -156,3 +159,25 @@ def test_where_no_learner_is_a_sentence_says_so_and_the_port_is_free_again(place
     place.site()
     with pytest.raises(UserError, match="in use"):
         place.site()
+
+
+def test_a_world_is_seen_through_it_while_somebody_watches(place: Place) -> None:
+    place.learner()
+    place.site()
+    actor = place.actor("actor-0")
+    viewer = open_viewer(place.far.endpoint, place.far, place.security("dashboard"))
+    place.stack.callback(viewer.close)
+    assert not actor.watched()
+    seat = viewer.watch("actor-0")
+    assert wait_until(actor.watched)
+
+    found: list[Any] = []
+
+    def seen() -> bool:
+        actor.show(encode_frame(frame(), arrays()))
+        found.append(seat.newest())
+        return any(each is not None for each in found)
+
+    assert wait_until(seen)
+    seat.close()
+    assert wait_until(lambda: not actor.watched())

@@ -44,6 +44,9 @@ class FakeViewer:
     def request(self, action: str, run_id: str, timeout: float = 5.0) -> str:
         return f"{action} of {run_id}"
 
+    def watch(self, actor_id: str) -> Any:
+        raise UserError(f"{actor_id} shows nothing")
+
     def close(self) -> None:
         self.closed += 1
 
@@ -148,9 +151,12 @@ def test_live_view_draws_and_q_quits(answer: Answer, monkeypatch: pytest.MonkeyP
             def request(self, action: str) -> str:
                 return ""
 
+            def watch(self, actor_id: str) -> Any:
+                raise UserError("nothing is shown")
+
         file = io.StringIO()
         console = Console(file=file, force_terminal=True, width=120, height=40)
-        show_live(PressingFeed(), console)  # type: ignore[arg-type]
+        show_live([PressingFeed()], console)  # type: ignore[list-item]
         assert "LEARNING" in file.getvalue()
         assert seen[1] == 0, "keys must arrive without Enter"
         assert termios.tcgetattr(terminal) == before

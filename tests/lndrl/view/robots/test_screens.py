@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from lndrl.planners import GuardConfig
 from lndrl.robot.bags import Moment, Replay
+from lndrl.robot.driving.assembly import DriveOptions
 from lndrl.view.robots.drive import drive_line, drive_screen
 from lndrl.view.robots.replay import replay_figure, replay_table, save_replay
+from tests.lndrl.robot.driving.test_guarding import somebody
 from tests.lndrl.robot.rig import Rig
 
 
@@ -57,6 +62,33 @@ def test_it_shows_what_stops_it() -> None:
     text = "\n".join(printed(rig, 110, 30, colours=False))
     assert "standing scan_stale: the last scan is" in text and "also odometry_stale" in text
     assert "scan_stale: the last scan is" in drive_line(rig.driver.view(rig.now))
+
+
+def test_it_shows_the_guard_and_how_well_the_belief_stands(rig: Rig) -> None:
+    text = "\n".join(printed(rig, 110, 40, colours=False))
+    assert "no guard" in text
+    assert "map explains" in text and "2nd place" in text and "echoes" in text
+    guarded = Rig(DriveOptions(guard=GuardConfig())).begin().tick(14)
+    guarded.tick(12, somebody(0.6))
+    text = "\n".join(printed(guarded, 110, 40, colours=False))
+    assert "guard on" in text
+    assert "standing guarded: what may move is 0." in text
+    turning = replace(guarded.driver.view(guarded.now), stops=(), guarded="what may move is near")
+    console = Console(width=110, height=40)
+    with console.capture() as captured:
+        console.print(drive_screen(turning, "x", None, 110, 40, False))
+    assert "held back by the guard: what may move is near" in captured.get()
+
+
+def test_it_says_where_the_scanner_does_not_look() -> None:
+    def narrow(purpose: str, content: Any) -> Any:
+        if purpose != "scan":
+            return content
+        first = content.angle_min + 120 * content.angle_increment
+        return replace(content, angle_min=first, ranges=content.ranges[120:600])
+
+    rig = Rig().begin().tick(4, narrow)
+    assert "blind in 33 % of its view" in "\n".join(printed(rig, 110, 30, colours=False))
 
 
 def test_it_shows_something_before_anything_has_come() -> None:

@@ -6,19 +6,21 @@ import math
 from dataclasses import dataclass
 
 from lndrl.errors import UserError
+from lndrl.world.odometry import follow
 
 
 @dataclass(frozen=True)
 class Limits:
     """Largest speeds (m/s, rad/s) and accelerations (m/s², rad/s²); None: as the policy asks.
 
-    Raises UserError for what is not above 0.
+    ``braking``: None: as ``acceleration``. Raises UserError for what is not above 0.
     """
 
     speed: float | None = None
     turn: float | None = None
     acceleration: float | None = None
     turn_acceleration: float | None = None
+    braking: float | None = None
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -29,8 +31,14 @@ class Limits:
         self, asked: tuple[float, float], last: tuple[float, float], seconds: float
     ) -> tuple[float, float]:
         """``asked`` v and w, no more than allowed, ``seconds`` after ``last`` was sent."""
-        v = _held(asked[0], last[0], self.speed, self.acceleration, seconds)
-        w = _held(asked[1], last[1], self.turn, self.turn_acceleration, seconds)
+        seconds = max(seconds, 0.0)
+        v, w = _at_most(asked[0], self.speed), _at_most(asked[1], self.turn)
+        if self.acceleration is not None or self.braking is not None:
+            gain = math.inf if self.acceleration is None else self.acceleration
+            v = float(follow(last[0], v, gain, self.braking or gain, seconds))
+        if self.turn_acceleration is not None:
+            turn = self.turn_acceleration
+            w = float(follow(last[1], w, turn, turn, seconds))
         return v, w
 
     def notes(self, fastest: tuple[float, float]) -> list[str]:
@@ -48,12 +56,5 @@ class Limits:
         return found
 
 
-def _held(
-    asked: float, last: float, most: float | None, change: float | None, seconds: float
-) -> float:
-    if most is not None:
-        asked = min(max(asked, -most), most)
-    if change is not None:
-        step = change * max(seconds, 0.0)
-        asked = min(max(asked, last - step), last + step)
-    return asked
+def _at_most(asked: float, most: float | None) -> float:
+    return asked if most is None else min(max(asked, -most), most)
