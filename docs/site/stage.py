@@ -44,14 +44,17 @@ def pages() -> dict[str, str]:
 def stage(target: Path) -> None:
     """Write all pages and what they show into ``target``.
 
-    Raises ValueError for a link to a file that is not there.
+    Raises ValueError for links to files that are not there, naming all.
     """
-    places, shown = pages(), set()
+    places, shown, missing = pages(), set(), []
     for name, place in places.items():
         text = (ROOT / name).read_text(encoding="utf-8")
         text, files = _relink(name, place, text, places)
+        missing += [f"{name} links to {f}" for f in sorted(files) if not (ROOT / f).exists()]
         shown |= files
         _write(target / place, one_dialect(text))
+    if missing:
+        raise ValueError(f"{', '.join(missing)}: no such file")
     for file in sorted(shown):
         copy = target / _asset(file)
         copy.parent.mkdir(parents=True, exist_ok=True)
@@ -81,8 +84,6 @@ def _relink(name: str, place: str, text: str, places: dict[str, str]) -> tuple[s
             return match[0]
         path, _, anchor = link.partition("#")
         meant = posixpath.normpath(posixpath.join(posixpath.dirname(name), path))
-        if not (ROOT / meant).exists():
-            raise ValueError(f"{name}: links to {link}, and {meant} does not exist")
         if (ROOT / meant).is_dir():  # which a site has no page for
             return match[1].removeprefix("[").removesuffix("](")
         if meant not in places:

@@ -44,7 +44,9 @@ def test_several_planners_are_compared(room: str, capsys) -> None:
     assert run(["evaluate", "straight", "random", *arguments]) == 0
     out = capsys.readouterr().out
     assert "straight on room: 1 episode," in out and "random on room: 1 episode," in out
-    assert out.count("planner") == 1
+    tables, _, following = out.partition("next: ")
+    assert tables.count("planner") == 1
+    assert following.startswith("lndrl play straight --scenario")
 
 
 @pytest.mark.parametrize(
