@@ -106,10 +106,10 @@ def test_a_clock_that_is_heard_of_late_is_followed(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("lndrl.robot.driving.assembly.is_simulated", lambda link, options: False)
     with stage(Rehearsal(1, **FAST)) as played:  # type: ignore[arg-type]
         service = service_on(played)
-        assert not service.wanted.simulated
+        before = service.wanted
         service.run(played.stop, over=within(100.0))
         played.thread.join(10.0)
-    assert service.wanted.simulated
+    assert service.wanted.simulated and not before.simulated
     assert [record.outcome for record in played.records] == ["arrived"]
 
 
