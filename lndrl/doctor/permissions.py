@@ -17,7 +17,7 @@ import zenoh
 from lndrl.doctor.probes import FAILED, OK, SKIPPED, Check
 from lndrl.transport.keys import ANNOUNCE, PING, PREFIX, STATUS, UPLOAD, WEIGHTS
 from lndrl.transport.messages import NO_WEIGHTS, MessageError, WeightsAnnouncement, decode
-from lndrl.transport.security.access import EVERY_UPLOAD, RIGHTS, ROLES, Right
+from lndrl.transport.security.access import EVERY_UPLOAD, EVERY_WORLD, RIGHTS, ROLES, Right
 from lndrl.transport.zenoh.session import ZenohSession, first_answer
 
 ANSWER_SECONDS = 3.0
@@ -45,6 +45,8 @@ _LIFE = secrets.token_hex(8)  # the incarnation under which nothing is uploaded
 def _operation(right: Right) -> Operation | None:
     """How to try ``right``; None for what cannot be tried without leaving traces in a run."""
     if right.key == PING or right.action not in ("ask", "hear"):
+        return None
+    if right.key == EVERY_WORLD:  # silent unless an actor works there, who would then send
         return None
     name = right.key.removeprefix(f"{PREFIX}/").removesuffix("/**")
     if right.action == "hear":

@@ -45,7 +45,7 @@ def test_what_is_shown_is_the_whole_configuration(
     shown = said(capsys, "show", name)
     Path("mine.yaml").write_text(shown)
     assert load_config("mine.yaml") == load_config(name)
-    assert yaml.safe_load(shown)["scenario"] == "hybrid"
+    assert yaml.safe_load(shown)["scenario"] == load_config(name).scenario.name
     assert str(REPOSITORY_CONFIGS / "schemas/configuration.json") in shown.splitlines()[0]
     assert "  map_channels: [64, 128, 256]" in shown
 
