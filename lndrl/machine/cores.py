@@ -96,9 +96,7 @@ def _affinity() -> int:
     count = getattr(os, "process_cpu_count", None)  # since Python 3.13
     if count is not None:
         return int(count() or 1)
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(allowed_cores())
 
 
 def _groups(root: Path) -> Iterator[tuple[int, PurePosixPath]]:
