@@ -33,6 +33,7 @@ class Stream(IntEnum):
     LOCALIZATION = 4
     POLICY = 5
     SETTINGS = 6  # what ``randomize`` draws of an episode
+    REPLICAS = 7  # of the robot's filter
 
 
 def stream_state(seed: int, *path: int) -> State:

@@ -23,7 +23,7 @@ from lndrl.config.learning import (
 from lndrl.config.localization import LocalizationConfig
 from lndrl.config.shipped import find
 from lndrl.config.task import TaskConfig
-from lndrl.config.world import RandomizeConfig, RetryConfig, WorldConfig
+from lndrl.config.world import RandomizeConfig, ReplicaConfig, RetryConfig, WorldConfig
 from lndrl.errors import UserError
 from lndrl.models import LATER, MOST, Model, effective, load_yaml, validate
 from lndrl.scenario import Scenario
@@ -53,6 +53,9 @@ class RunConfig(Model):
     )
     retry: Annotated[RetryConfig, LATER] = Field(
         RetryConfig(), description="what a world does in training where an episode has failed"
+    )
+    replicas: Annotated[ReplicaConfig, LATER] = Field(
+        ReplicaConfig(), description="filters beside the robot's own that show its chance of loss"
     )
     task: TaskConfig = Field(TaskConfig(), description="what the robot sees, does, is paid for")
     network: NetworkConfig = Field(NetworkConfig(), description="policy and value network")

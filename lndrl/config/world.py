@@ -147,6 +147,28 @@ class RetryConfig(Model):
         return self
 
 
+class ReplicaConfig(Model):
+    """Replicas of the robot's filter in training: other slip, other particles, the same drive."""
+
+    count: Annotated[int, Field(ge=0, le=64)] = Field(
+        0, description="filters that hear the drive beside the robot's own; 0: none"
+    )
+    lost: float = Field(
+        0.0,
+        description="paid if all of them got lost, a share of it for each that does, beside "
+        "task.reward.lost for the robot's own: what getting lost costs on average, not by luck",
+    )
+
+    @model_validator(mode="after")
+    def _somebody_gets_lost(self) -> ReplicaConfig:
+        if self.lost != 0.0 and self.count == 0:
+            raise ValueError(
+                f"lost {self.lost:g} is paid for replicas, of which there are none; set "
+                "replicas.count, e.g. to 4"
+            )
+        return self
+
+
 ROBOT_PRESETS: dict[str, dict[str, Any]] = {
     # As the simulated robot of the paper's group is: velocities are what they are told to be.
     "immediate": {},

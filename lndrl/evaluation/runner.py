@@ -8,8 +8,6 @@ from typing import Any, Literal
 
 from lndrl.config import (
     REPOSITORY_CONFIGS,
-    RandomizeConfig,
-    RetryConfig,
     RunConfig,
     load_config,
     load_scenario,
@@ -21,6 +19,7 @@ from lndrl.evaluation.result import EvaluationResult
 from lndrl.machine.threads import kept_threads
 from lndrl.navigation import EpisodeRecord
 from lndrl.navigation.families import Family
+from lndrl.navigation.terms import as_settled
 from lndrl.planners import GuardedPlanner, PlannerSource, ShieldedPlanner, planner_source
 from lndrl.policy import act_on_one_thread, load_engine
 from lndrl.version import VERSION
@@ -120,11 +119,9 @@ def in_world_of(base: RunConfig, config: RunConfig) -> RunConfig:
     """
     limits = ("arrive_distance", "lost_distance", "lost_angle", "time_limit", "judged_moment")
     kept = {name: getattr(base.task, name) for name in limits}
-    return config.model_copy(
+    return as_settled(config).model_copy(
         update={
             "seed": base.seed,
-            "randomize": RandomizeConfig(),
-            "retry": RetryConfig(),
             "scenario": base.scenario,
             "world": base.world,
             "localization": base.localization,

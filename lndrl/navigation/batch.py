@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import RunConfig
+from lndrl.config import ReplicaConfig, RunConfig
 from lndrl.localization import LikelihoodMap, amcl_beam_stride
 from lndrl.localization.belief import (
+    belief_of,
     make_beliefs,
     make_field,
     make_scratch,
@@ -28,7 +29,8 @@ from lndrl.navigation.reward import pose_error_limit, reward_weights
 from lndrl.navigation.step import Filter, Machine, Task, Views, drive_worlds, judge_worlds, pack
 from lndrl.navigation.terms import own_terms
 from lndrl.navigation.track import RUNNING, make_tracks
-from lndrl.randomness import uniform
+from lndrl.navigation.training.replicas import draw_anew, make_replicas, take_up
+from lndrl.randomness import State, uniform
 from lndrl.world import Place, WorldBatch, beam_bearings
 from lndrl.world.orca_walls import insert_edges
 from lndrl.world.pedestrians import place_legs
@@ -88,6 +90,8 @@ class NavigationBatch:
             heard=_heard(config),
         )
         self.task = _task(config)
+        replicas = ReplicaConfig() if self.perfect else config.replicas
+        self.replicas = make_replicas(worlds, replicas, localization)
         self.terms = own_terms(config, worlds)
         self.worlds = worlds
         self._still = np.zeros((1, 2))
@@ -119,6 +123,7 @@ class NavigationBatch:
                 self.world.scratch,
                 self.shared,
                 self.task,
+                self.replicas,
             )
         )
 
@@ -144,9 +149,16 @@ class NavigationBatch:
         if self.terms is not None:
             self.terms.pay(self, first, count)
 
-    def begin(self, world: int) -> None:
-        """Begin the episode that ``world`` and its filter have been reset for: sense, observe."""
+    def begin(self, world: int, state: State) -> None:
+        """Begin the episode that ``world`` and its filter have been reset for: sense, observe.
+
+        ``state`` (4,) is what the filter's replicas draw from.
+        """
         tracks = self.tracks
+        draw_anew(self.replicas, world, state)
+        take_up(
+            self.replicas, world, belief_of(self.beliefs, world), self.world.robots.odometry[world]
+        )
         tracks.sums[world] = 0.0
         tracks.distance[world] = 0.0
         tracks.steps[world] = 0

@@ -24,6 +24,7 @@ from lndrl.navigation.observation import Observation, dequantise
 from lndrl.navigation.reward import REWARD_PARTS, angle_error, position_error
 from lndrl.navigation.snapshot import WorldSnapshot
 from lndrl.navigation.track import OUTCOME_NAMES, track_of
+from lndrl.navigation.training.replicas import draw_anew
 from lndrl.randomness import State, Stream, episode_states, uniform
 from lndrl.world import Place, World, layout_number
 
@@ -175,7 +176,7 @@ class Navigation:
         self.world.reset(self.seed, self.world_id, self.episode, states)
         self.localization.reset(self.world.start_pose, states[Stream.LOCALIZATION])
         self._randomize(states[Stream.SETTINGS])
-        self.batch.begin(self.index)
+        self.batch.begin(self.index, states[Stream.REPLICAS])
 
     def go_on(self, states: State) -> None:
         """Play on as the next episode, with ``episode_states`` ``states`` from now on.
@@ -186,6 +187,7 @@ class Navigation:
         self.world.robot.laser_random[:] = states[Stream.LASER]
         self.world.robot.odometry_random[:] = states[Stream.ODOMETRY]
         self._belief.random[:] = states[Stream.LOCALIZATION]
+        draw_anew(self.batch.replicas, self.index, states[Stream.REPLICAS])
         if self.batch.terms is not None:
             self.batch.terms.begin(self.index)
 

@@ -22,8 +22,15 @@ from lndrl.localization.bins import Bins
 from lndrl.localization.update import update_belief
 from lndrl.maps.edges import FaceScratch, RayMap
 from lndrl.navigation.observation import goal_vector, pedestrians_in_view, push_scan
-from lndrl.navigation.reward import judge
+from lndrl.navigation.reward import REWARD_PARTS, judge
 from lndrl.navigation.track import ARRIVED, COLLIDED, LOST, RUNNING, TIMEOUT, Track
+from lndrl.navigation.training.replicas import (
+    Replicas,
+    lost_replicas,
+    move_replicas,
+    replica_row,
+    slip_replicas,
+)
 from lndrl.world.laser import Fan, ScanScratch, noisy_scan
 from lndrl.world.orca_walls import Walls
 from lndrl.world.people import CrowdParameters, People, Surroundings
@@ -33,6 +40,7 @@ from lndrl.world.world import Scratch as WorldScratch
 from lndrl.world.world import Setting, tick_inline
 
 Floats = NDArray[np.float64]
+_LOST_PART = REWARD_PARTS.index("lost")
 
 
 class Filter(NamedTuple):
@@ -85,6 +93,7 @@ class Machine(NamedTuple):
     scratch: WorldScratch
     shared: Filter
     task: Task
+    replicas: Replicas  # rows by world, too
 
 
 def pack(arguments: Any) -> Any:
@@ -120,6 +129,11 @@ def _shared(packed):
         FilterScratch(*packed[0]), Bins(*packed[1]), packed[2], Field(*packed[3]),
         Settings(*packed[4]), packed[5], packed[6], packed[7], packed[8], packed[9],
     )  # fmt: skip
+
+
+@njit(inline="always")
+def _replicas(packed):
+    return Replicas(Belief(*packed[0]), packed[1], packed[2], packed[3], packed[4])
 
 
 @njit(inline="always")
@@ -184,16 +198,21 @@ def drive_worlds(machine, first, commands, ticks):
     robots, crowds = Robot(*machine[0]), People(*machine[1])
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
     setting, scratch, shared = _setting(machine[5]), _scratch(machine[6]), _shared(machine[7])
+    replicas = _replicas(machine[9])
     for world in range(max(first, 0), min(first + len(commands), len(robots.pose))):
         robot, people = robot_row(robots, world), people_row(crowds, world)
         belief, track = belief_row(beliefs, world), track_row(tracks, world)
         if ticks > 0:
             command = commands[world - first]
             _begin(robot, track, command[0], command[1])
+            slip_replicas(replicas, world, robot.deviation[0])
         for tick in range(max(ticks, 1)):
             if ticks > 0:
                 x, y = robot.pose[0], robot.pose[1]
                 tick_inline(robot, people, setting, scratch)
+                if setting.odometry_per_reading:
+                    slip_replicas(replicas, world, robot.deviation[0])
+                move_replicas(replicas, world, robot.velocity, setting.tick)
                 track.distance[0] += np.hypot(robot.pose[0] - x, robot.pose[1] - y)
             last = tick >= ticks - 1 or robot.contact[0] != 0
             if not last and (shared.perfect or not shared.heard[min(tick, len(shared.heard) - 1)]):
@@ -212,10 +231,14 @@ def drive_worlds(machine, first, commands, ticks):
                 for k in range(3):
                     belief.pose[k] = robot.pose[k]
             else:
-                update_belief(
-                    robot.odometry, shared.ranges, shared.bearings, belief, shared.scratch,
-                    shared.bins, shared.limits, shared.field, shared.settings, last,
-                )  # fmt: skip
+                for m in range(replicas.odometry.shape[1] + 1):  # the robot's own filter is 0
+                    update_belief(
+                        robot.odometry if m == 0 else replicas.odometry[world, m - 1],
+                        shared.ranges, shared.bearings,
+                        belief if m == 0 else replica_row(replicas.beliefs, world, m - 1),
+                        shared.scratch, shared.bins, shared.limits, shared.field,
+                        shared.settings, last,
+                    )  # fmt: skip
             if last:
                 break
 
@@ -260,13 +283,19 @@ def _observe(robots, people, tracks, views, task, begun, i):
 
 
 @njit(inline="always")
-def _pay(robots, tracks, task, i):
+def _pay(robots, beliefs, tracks, task, replicas, i):
     """Pay the step and see whether it ends the episode: collided, lost, arrived or timeout."""
     collided = robots.contact[i, 0] != 0
     tracks.reward[i, 0], lost, arrived = judge(
         tracks.before[i], robots.pose[i], tracks.reports[i, -1], tracks.variance[i],
         robots.goal[i], collided, task.limits, task.weights, tracks.parts[i], tracks.sums[i],
     )  # fmt: skip
+    gone = lost_replicas(replicas, i, robots, beliefs, task.limits)
+    if gone > 0:
+        paid = replicas.price * gone
+        tracks.parts[i, _LOST_PART] += paid
+        tracks.sums[i, _LOST_PART] += paid
+        tracks.reward[i, 0] += paid
     tracks.steps[i, 0] += 1
     if collided:
         outcome = COLLIDED
@@ -288,12 +317,12 @@ def judge_worlds(machine, first, worlds, begun):
     """
     robots, people = Robot(*machine[0]), People(*machine[1])
     beliefs, tracks = Belief(*machine[2]), Track(*machine[3])
-    views, task = Views(*machine[4]), Task(*machine[8])
+    views, task, replicas = Views(*machine[4]), Task(*machine[8]), _replicas(machine[9])
     for i in range(max(first, 0), min(first + worlds, len(robots.pose))):
         _report(robots, beliefs, tracks, task, begun, i)
         _observe(robots, people, tracks, views, task, begun, i)
         if not begun:
-            _pay(robots, tracks, task, i)
+            _pay(robots, beliefs, tracks, task, replicas, i)
         step = min(max(tracks.steps[i, 0], 0), tracks.path.shape[1] - 1)
         for k in range(2):
             tracks.path[i, step, k] = robots.pose[i, k]

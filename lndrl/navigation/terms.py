@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lndrl.config import PPOConfig, RandomizeConfig, RetryConfig, RunConfig
+from lndrl.config import PPOConfig, RandomizeConfig, ReplicaConfig, RetryConfig, RunConfig
 from lndrl.errors import UserError
 from lndrl.extensions import REWARD_TERM, calling, find, make
 
@@ -154,7 +154,11 @@ def as_tested(config: RunConfig) -> RunConfig:
 
 def as_settled(config: RunConfig) -> RunConfig:
     """``config`` with the same settings in every episode, and paid as in training."""
-    settled = {"randomize": RandomizeConfig(), "retry": RetryConfig()}
+    settled = {
+        "randomize": RandomizeConfig(),
+        "replicas": ReplicaConfig(),
+        "retry": RetryConfig(),
+    }
     if all(getattr(config, name) == value for name, value in settled.items()):
         return config
     return config.model_copy(update=settled)

@@ -19,8 +19,8 @@ from lndrl.navigation.navigation import Navigation, build_surroundings
 from lndrl.navigation.observation import Observation
 from lndrl.navigation.privileged.floats import NAMES
 from lndrl.navigation.privileged.kernel import know_worlds
-from lndrl.navigation.retry import Retries
 from lndrl.navigation.track import RUNNING, TIMEOUT
+from lndrl.navigation.training.retry import Retries
 from lndrl.world import Place
 
 

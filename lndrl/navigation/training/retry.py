@@ -17,6 +17,7 @@ from lndrl.config import RetryConfig
 from lndrl.navigation.navigation import Navigation
 from lndrl.navigation.observation import Observation
 from lndrl.navigation.track import TIMEOUT
+from lndrl.navigation.training.replicas import arrays_of
 from lndrl.randomness import Stream, episode_states, uniform
 
 _FAILED = ("collided", "lost")
@@ -89,5 +90,8 @@ class Retries:
 def _rows(world: Navigation) -> list[NDArray[np.generic]]:
     """Views of every array that is this world's own."""
     batch, i = world.batch, world.index
-    parts = (batch.world.robots, batch.world.people, batch.beliefs, batch.tracks)
+    parts = (
+        batch.world.robots, batch.world.people, batch.beliefs, batch.tracks,
+        arrays_of(batch.replicas),
+    )  # fmt: skip
     return [array[i] for part in parts for array in part]

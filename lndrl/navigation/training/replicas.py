@@ -1,0 +1,115 @@
+"""Replicas of the robot's filter: on the same drive, what other slip and other particles do.
+
+Whether a drive gets the robot lost is mostly chance, and a drive shows one draw of it. Replicas
+hear the robot's scans with an odometer and particles of their own, so each is another draw: what
+part of them gets lost estimates the chance itself (conditional Monte Carlo: Asmussen & Glynn 2007,
+"Stochastic Simulation", ch. V.4). A replica that is lost takes up the robot's belief again. The
+robot never hears of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lndrl.config import LocalizationConfig, ReplicaConfig
+from lndrl.localization.belief import Belief, make_beliefs
+from lndrl.navigation.reward import is_lost
+from lndrl.randomness import State, stream_state
+from lndrl.world.odometry import draw_slip, drive
+
+Floats = NDArray[np.float64]
+
+
+class Replicas(NamedTuple):
+    """The replicas of many worlds: every array is (worlds, replicas of each, ...)."""
+
+    beliefs: Belief
+    odometry: Floats  # (worlds, n, 3) as ``Robot.odometry``
+    slip: Floats  # (worlds, n, 2) as ``Robot.slip``
+    random: State  # (worlds, n, 4) of their slip
+    price: float  # of one that gets lost
+
+
+def make_replicas(worlds: int, settings: ReplicaConfig, filters: LocalizationConfig) -> Replicas:
+    """Replicas of ``worlds`` worlds, of which nothing is known yet: see ``take_up``."""
+    count = settings.count
+    flat: tuple[NDArray[Any], ...] = make_beliefs(worlds * count, filters)
+    return Replicas(
+        beliefs=Belief(*(array.reshape(worlds, count, *array.shape[1:]) for array in flat)),
+        odometry=np.zeros((worlds, count, 3)),
+        slip=np.ones((worlds, count, 2)),
+        random=np.zeros((worlds, count, 4), np.uint64),
+        price=settings.lost / max(count, 1),
+    )
+
+
+def arrays_of(replicas: Replicas) -> tuple[NDArray[np.generic], ...]:
+    """All that changes, each with a leading world dimension."""
+    return (*replicas.beliefs, replicas.odometry, replicas.slip, replicas.random)
+
+
+def draw_anew(replicas: Replicas, world: int, state: State) -> None:
+    """Let the replicas of ``world`` draw from streams of their own below ``state`` (4,)."""
+    for m in range(replicas.odometry.shape[1]):
+        replicas.random[world, m] = stream_state(int(state[0]), m)
+        replicas.beliefs.random[world, m] = stream_state(int(state[1]), m)
+
+
+def take_up(replicas: Replicas, world: int, belief: Belief, odometry: Floats) -> None:
+    """Let the replicas of ``world`` believe what ``belief`` does, at its ``odometry`` (3,)."""
+    for mine, theirs, name in zip(replicas.beliefs, belief, Belief._fields, strict=True):
+        if name != "random":
+            mine[world] = theirs
+    replicas.odometry[world] = odometry
+
+
+@njit(inline="always")
+def replica_row(beliefs, i, m):
+    """Replica ``m`` of world ``i``, for kernels."""
+    return Belief(
+        beliefs.particles[i, m], beliefs.weights[i, m], beliefs.averages[i, m],
+        beliefs.odometry[i, m], beliefs.pose[i, m], beliefs.covariance[i, m],
+        beliefs.numbers[i, m], beliefs.random[i, m], beliefs.quality[i, m], beliefs.alpha[i, m],
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def slip_replicas(replicas, i, deviation):
+    """Draw how much the wheels slip in what the replicas of world ``i`` hear."""
+    for m in range(replicas.odometry.shape[1]):
+        draw_slip(replicas.slip[i, m], deviation, replicas.random[i, m])
+
+
+@njit(inline="always")
+def move_replicas(replicas, i, velocity, time):
+    """One tick of their odometers, as ``move_robot`` moves the robot's."""
+    for m in range(replicas.odometry.shape[1]):
+        slip = replicas.slip[i, m]
+        drive(replicas.odometry[i, m], velocity[0] * slip[0], velocity[1] * slip[1], time)
+
+
+@njit(inline="always")
+def lost_replicas(replicas, i, robots, beliefs, limits):
+    """How many replicas of world ``i`` are lost; they take up its belief again.
+
+    ``limits``: distance (m) and angle (rad) from the truth.
+    """
+    pose_true, gone = robots.pose[i], 0
+    for m in range(replicas.odometry.shape[1]):
+        if not is_lost(pose_true, replicas.beliefs.pose[i, m], limits[0], limits[1]):
+            continue
+        gone += 1
+        replicas.beliefs.particles[i, m] = beliefs.particles[i]
+        replicas.beliefs.weights[i, m] = beliefs.weights[i]
+        replicas.beliefs.averages[i, m] = beliefs.averages[i]
+        replicas.beliefs.odometry[i, m] = beliefs.odometry[i]
+        replicas.beliefs.pose[i, m] = beliefs.pose[i]
+        replicas.beliefs.covariance[i, m] = beliefs.covariance[i]
+        replicas.beliefs.numbers[i, m] = beliefs.numbers[i]
+        replicas.beliefs.quality[i, m] = beliefs.quality[i]
+        replicas.odometry[i, m] = robots.odometry[i]
+    return gone
