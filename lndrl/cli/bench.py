@@ -8,7 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from lndrl.cli.again import same_command
+from lndrl.cli.again import arguments_given, same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.signals import telling
 from lndrl.errors import UserError
 
@@ -168,9 +169,20 @@ def bench(
     facts = report.machine()
     if not json_output:
         typer.echo(report.machine_line(facts))
+        _say_what_follows(name, name in report.COMPARED and not peers)
         return
     content = figures if name == "all" else figures[name]
     typer.echo(json.dumps({**content, "machine": facts}, indent=2))
+
+
+def _say_what_follows(name: str, alone: bool) -> None:
+    """``alone``: others do the same, and were not measured."""
+    if name == "all":
+        say_next("lndrl", "bench", "train", "--profile", then="where a training's time goes")
+    elif alone:
+        say_next("lndrl", *arguments_given(), "--peers", then="beside other packages")
+    else:
+        say_next("lndrl", *arguments_given(), "--json", then="all digits")
 
 
 _GPU_TAKES = (
@@ -222,6 +234,10 @@ def _measure_fleet(
         return
     print_tables(table(rows, plan.update))
     typer.echo(report.machine_line(report.machine()))
+    if plan.update == "drain":
+        say_next("lndrl", "bench", "fleet", "--update", "real", then="while the learner learns")
+    else:
+        say_next("lndrl", *arguments_given(), "--json", then="all digits")
 
 
 def _measure_gpu(rehearse: bool, minutes: float | None, out: Path | None, quiet: bool) -> None:
@@ -246,6 +262,7 @@ def _measure_gpu(rehearse: bool, minutes: float | None, out: Path | None, quiet:
         print_tables(gpu.table(content))
         typer.echo(report.machine_line(content["machine"]))
         typer.echo(f"{place} holds all digits")
+        say_next("lndrl", "train", "--device", "cuda", then="a training on it")
     if gpu.has_failed(content):
         raise typer.Exit(1)
 
@@ -271,6 +288,7 @@ def _compare(name: str, commit: str, seconds: float, rounds: int, peers: bool, q
     if elsewhere:
         print_tables(report.figures_table(name, elsewhere))
     typer.echo(report.machine_line(facts))
+    say_next("lndrl", *arguments_given(), "--json", then="all digits")
 
 
 def _measure(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lndrl.cli.again import same_command
+from lndrl.cli.help import say_next
 from lndrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -96,6 +97,8 @@ def _run(options: dict[str, Any], place: Path, stop: Event, json: bool) -> bool:
         print_tables(*report_tables(report))
         for words in report.main.examples + report.found.deaths:
             typer.echo(words)
+        if report.good:
+            say_next("lndrl", "chaos", "--minutes", 60, then="an hour of it")
     return report.good
 
 
@@ -112,6 +115,8 @@ def _fuzz(count: int, seed: int, rate: float, place: Path, stop: Event, json: bo
         print_tables(*fuzz_tables(report))
         for words in report.examples:
             typer.echo(words)
+        if report.good:
+            say_next("lndrl", "chaos", then="faults, beside a training")
     return report.good
 
 

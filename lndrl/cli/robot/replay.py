@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from lndrl.cli.again import same_command
+from lndrl.cli.again import arguments_given, same_command
+from lndrl.cli.help import say_next
 from lndrl.cli.options import GuardSettings, TrustModules, WhichCheckpoint, check_picture, trust
 from lndrl.cli.robot.arguments import (
     FilterOption,
@@ -180,3 +181,7 @@ def _show(result: Replay, title: str, out: Path | None, csv: Path | None, json: 
     print_tables(replay_table(title, result.summary()))
     for words in result.words.values():
         typer.echo(words)
+    if out is None:
+        say_next("lndrl", *arguments_given(), "--out", "replay.png", then="as a picture")
+    else:
+        say_next("lndrl", "drive", "--help", then="a robot itself")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.cli.options import ScenarioName, check_endpoint
 from lndrl.cli.robot.arguments import (
     DialectOption,
@@ -165,6 +166,9 @@ def robot_sim(
         records = stand_in.run(stop, told)
     if not json and len(records) > 1:
         typer.echo(_summary(records))
+    if not json:
+        place = body.config.scenario.name
+        say_next("lndrl", "evaluate", policy, "--scenario", place, then="the same without a robot")
     if stop.is_set():
         raise typer.Exit(stop.exit_code)
 

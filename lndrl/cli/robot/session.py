@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
+from lndrl.cli.again import arguments_given
+from lndrl.cli.help import say_next
 from lndrl.cli.signals import LastResort, last_resort, say, stop_on_signals
 
 if TYPE_CHECKING:
@@ -143,8 +145,13 @@ class DriveSession:
             + (f", scan to command {median:.1f} ms, p99 {worst:.1f} ms" if len(latencies) else "")
             + (f"; stopped by {stops}" if stops else "")
         )
-        if recorder is not None:
-            typer.echo(recorder.failed or f"{recorder.messages:,} messages recorded")
+        if recorder is None:
+            say_next(
+                "lndrl", *arguments_given(), "--record", "drive.mcap", then="keeps what is heard"
+            )
+            return
+        typer.echo(recorder.failed or f"{recorder.messages:,} messages recorded")
+        say_next("lndrl", "replay", self._record, then="where its belief went")
 
 
 def _over(

@@ -103,6 +103,11 @@ def test_what_comes_next_can_be_called(capsys: pytest.CaptureFixture[str]) -> No
         ("config show", "next: lndrl config show lndrl  # all keys of one"),
         ("config explain ppo.epochs", "next: lndrl train --set ppo.epochs=4  # "),
         ("scenarios", "next: lndrl scenarios hall --out hall.png  # a picture of one"),
+        (
+            "bench reward --seconds 0.02",
+            "next: lndrl bench reward --seconds 0.02 --json  # all digits",
+        ),
+        ("bench laser --seconds 0.02", "next: lndrl bench laser --seconds 0.02 --peers  # beside"),
         ("certs --out certs --host here", "next: lndrl learner --listen tls/0.0.0.0:7447 --certs"),
     ],
 )
