@@ -20,7 +20,9 @@ Say = Callable[[str], None]
 T = TypeVar("T")
 
 LISTENS_WITHIN = 300.0
-"""s until the learner listens: it may have to import torch from a slow disk."""
+"""s until the learner or a site listens: it may have to import much from a slow disk."""
+_LISTENS = {"learner": "[listen]", "site": "actors of this site"}
+"""How the line begins by which each of those says that it listens."""
 LEAVE_WITHIN = {"learner": 120.0, "site": 15.0, "actor": 15.0, "evaluator": 15.0}
 """s that each role may take for an orderly end: a learner writes a checkpoint."""
 _LOOK = 1.0  # s
@@ -50,6 +52,7 @@ class _Launch:
         self._hosts: dict[tuple[str, str | None, int | None, str], Host] = {}
         self._started: list[Job] = []
         self._slurm: list[str] = []
+        self._asks_slurm = False  # its jobs are this command's to end
 
     async def up(self, detach: bool, stop: Event) -> int:
         configuration = self._cluster.configuration
@@ -57,7 +60,7 @@ class _Launch:
         jobs = list(self._cluster.others())
         name = f"{self._run}/{configuration.name}"
         try:
-            await self._reach([self._cluster.learner("", False), *jobs])
+            _raise(await self._reach([self._cluster.learner("", False), *jobs]))
             await self._together([host.check() for host in self._hosts.values()])
             place = self._cluster.config.learner
             resume = await self._host(place.host, place).exists(f"runs/{self._run}")
@@ -66,8 +69,16 @@ class _Launch:
             await self._host(learner.host, place).give({name: configuration})
             await self._start(learner)
             await self._listening(learner, stop)
-            for job in jobs:
+            # Whoever connects finds a door that is open: an actor does not wait long for its first.
+            doors = [job for job in jobs if job.role == "site"]
+            for job in doors:
                 await self._start(job)
+            for job in doors:
+                await self._listening(job, stop)
+            for job in jobs:
+                if job not in doors:
+                    await self._start(job)
+            self._asks_slurm = True
             self._slurm = slurm.submit(self._cluster)
             self._say(f"everything runs: {self._words(jobs)}; lndrl down ends it")
             if detach:
@@ -82,17 +93,27 @@ class _Launch:
     async def down(self) -> None:
         jobs = [self._cluster.learner("", True), *self._cluster.others()]
         try:
-            await self._reach(jobs)
-            await self._end(jobs)
+            away = await self._reach(jobs)
+            self._asks_slurm = True
+            # A host that is off keeps nobody else running.
+            await self._end([job for job in jobs if _key(job.host, job.place) in self._hosts])
         finally:
             self._close()
+        if away:
+            _raise([*away, UserError("what was started there may run on; all else has ended")])
 
     # -- steps -------------------------------------------------------------------------------
 
-    async def _reach(self, jobs: Sequence[Job]) -> None:
+    async def _reach(self, jobs: Sequence[Job]) -> list[UserError]:
+        """Log in everywhere; why it failed where it did."""
         places = {_key(job.host, job.place): (job.host, job.place) for job in jobs}
-        found = await self._together([Host.connected(*each) for each in places.values()])
-        self._hosts = dict(zip(places, found, strict=True))
+        logins = (Host.connected(*each) for each in places.values())
+        found = await asyncio.gather(*logins, return_exceptions=True)
+        failed = [each for each in found if isinstance(each, BaseException)]
+        pairs = zip(places, found, strict=True)
+        self._hosts = {key: host for key, host in pairs if not isinstance(host, BaseException)}
+        _raise([each for each in failed if not isinstance(each, UserError)])
+        return [each for each in failed if isinstance(each, UserError)]
 
     async def _hand_out(self, jobs: Sequence[Job]) -> None:
         """Each host gets the certificates of the roles that it plays."""
@@ -120,19 +141,20 @@ class _Launch:
         self._started.append(job)
         self._say(f"host {job.host}: {job.name} started")
 
-    async def _listening(self, learner: Job, stop: Event) -> None:
-        """Wait until actors can connect; raises UserError with the learner's own words."""
-        host, deadline = self._host(learner.host, learner.place), time.monotonic() + LISTENS_WITHIN
+    async def _listening(self, job: Job, stop: Event) -> None:
+        """Wait until others can connect to a learner or site; raises UserError with its words."""
+        host, deadline = self._host(job.host, job.place), time.monotonic() + LISTENS_WITHIN
+        name = "the learner" if job.role == "learner" else job.name
         while not stop.is_set():
-            lines = await host.log(learner, self._run)
-            if any(line.startswith("[listen]") for line in lines):
+            lines = await host.log(job, self._run)
+            if any(line.startswith(_LISTENS[job.role]) for line in lines):
                 return
-            if not await host.alive(learner, self._run):
-                last = (await host.log(learner, self._run) or ["no word"])[-1]
-                raise UserError(f"host {learner.host}: the learner ended at once: {last}")
+            if not await host.alive(job, self._run):
+                last = (await host.log(job, self._run) or ["no word"])[-1]
+                raise UserError(f"host {job.host}: {name} ended at once: {last}")
             if time.monotonic() > deadline:
                 raise UserError(
-                    f"host {learner.host}: the learner does not listen after {LISTENS_WITHIN:g} s"
+                    f"host {job.host}: {name} does not listen after {LISTENS_WITHIN:g} s"
                 )
             await asyncio.sleep(_LOOK)
         raise KeyboardInterrupt
@@ -179,8 +201,11 @@ class _Launch:
 
     async def _end(self, jobs: Sequence[Job]) -> None:
         """Ask everybody to leave, the learner last, and end whoever stays."""
-        for line in slurm.cancel(self._cluster):
-            self._say(line)
+        try:
+            for line in slurm.cancel(self._cluster) if self._asks_slurm else []:
+                self._say(line)
+        except UserError as error:  # what runs elsewhere ends all the same
+            self._say(f"{error}; jobs of Slurm may still run")
         learners = [job for job in jobs if job.role == "learner"]
         for group in ([job for job in jobs if job.role != "learner"], learners):
             outcomes = await asyncio.gather(*map(self._end_one, group), return_exceptions=True)
@@ -211,14 +236,9 @@ class _Launch:
         return self._hosts[_key(name, place)]
 
     async def _together(self, work: Sequence[Coroutine[Any, Any, T]]) -> list[T]:
-        """All at once; the first error when all have ended."""
+        """All at once; when all have ended, one error that says what went wrong with any."""
         done = await asyncio.gather(*work, return_exceptions=True)
-        for each in done:
-            if isinstance(each, BaseException):
-                for other in done:
-                    if isinstance(other, Host):
-                        other.close()
-                raise each
+        _raise([each for each in done if isinstance(each, BaseException)])
         return [each for each in done if not isinstance(each, BaseException)]
 
     def _close(self) -> None:
@@ -232,27 +252,42 @@ class _Launch:
 
 
 def check_certificates(cluster: Cluster, say: Say) -> None:
-    """Make certificates where there are none; raises UserError where they name other hosts."""
+    """Make certificates where there are none; raises UserError where one lacks, or a name in it."""
     folder = cluster.certificates
     address, sites = cluster.learner_address(), cluster.site_addresses()
     if not folder.exists():
         create(folder, [address], site_hosts=sites)
         say(f"{folder}: new certificates; ca.key stays here")
         return
-    for role, wanted in (("learner", [address]), ("site", sites)):
-        option = "--host" if role == "learner" else "--site-host"
+    if not (folder / "ca.pem").exists():
+        raise UserError(
+            f"{folder}: has no ca.pem; name a folder that lndrl certs has made, or one that is not"
+            " there yet"
+        )
+    names = {"learner": [address], "site": sites}
+    for role in sorted({"learner", "actor", *(job.role for job in cluster.others())}):
+        wanted = names.get(role, [])
+        option = "".join(f" {each}" for each in wanted)
+        option = option and (" --site-host" if role == "site" else " --host") + option
+        renew = f"lndrl certs --out {folder} --renew {role}{option}"
+        for file in (folder / f"{role}.pem", folder / f"{role}.key"):
+            if not file.exists():
+                raise UserError(f"{folder}: has no {file.name}; {renew} makes one")
+        if not wanted:
+            continue
         file = folder / f"{role}.pem"
-        if wanted and not file.exists():
-            raise UserError(
-                f"{folder}: has no {role}.pem; lndrl certs --out {folder} --renew {role}"
-                f" {option} {' '.join(wanted)} makes one"
-            )
         lacking = [each for each in wanted if each not in host_names(load_certificate(file))]
         if lacking:
-            raise UserError(
-                f"{file}: is not made for {', '.join(lacking)}; lndrl certs --out {folder} --renew"
-                f" {role} {option} {' '.join(wanted)}"
-            )
+            raise UserError(f"{file}: is not made for {', '.join(lacking)}; {renew}")
+
+
+def _raise(failures: Sequence[BaseException]) -> None:
+    """Raise what has failed, if anything has: all that a user can mend in one sentence."""
+    for each in failures:
+        if not isinstance(each, UserError):
+            raise each
+    if failures:
+        raise UserError("; ".join(dict.fromkeys(map(str, failures))))
 
 
 def _key(name: str, place: PlaceConfig) -> tuple[str, str | None, int | None, str]:

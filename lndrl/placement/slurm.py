@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from lndrl.errors import UserError
 from lndrl.machine.processes import descendants
 from lndrl.placement.cluster import Cluster, SlurmActors
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     import submitit
@@ -44,7 +45,7 @@ def submit(cluster: Cluster) -> list[str]:
 
 
 def cancel(cluster: Cluster) -> list[str]:
-    """End all jobs that ``submit`` remembers; a line for each request."""
+    """End all jobs that ``submit`` remembers; a line for each request. Raises UserError."""
     if not cluster.state.exists():
         return []
     import submitit
@@ -59,8 +60,8 @@ def cancel(cluster: Cluster) -> list[str]:
             if kind == "local":
                 _end_local(int(each))
             else:
-                submitit.SlurmJob(folder=folder, job_id=each).cancel()
-        said.append(f"slurm: {len(ids)} jobs ended")
+                _scancel(submitit.SlurmJob(folder=folder, job_id=each))
+        said.append(f"slurm: {counted(len(ids), 'job')} ended")
     cluster.state.unlink()
     return said
 
@@ -93,6 +94,16 @@ def _command(cluster: Cluster, part: SlurmActors) -> submitit.helpers.CommandFun
 def _remember(file: Path, kind: str, folder: str, ids: list[str]) -> None:
     notes = json.loads(file.read_text("utf-8")) if file.exists() else []
     file.write_text(json.dumps([*notes, [kind, folder, ids]]), encoding="utf-8")
+
+
+def _scancel(job: submitit.SlurmJob[Any]) -> None:
+    try:
+        job.cancel(check=False)  # one that has ended long ago is none to complain of
+    except OSError as error:
+        raise UserError(
+            f"slurm: job {job.job_id} cannot be ended from here"
+            f" ({error.strerror or error}); scancel it where Slurm is"
+        ) from None
 
 
 def _end_local(pid: int) -> None:
