@@ -171,7 +171,7 @@ def _fan_out(learner: Child, crowd: Sequence[Child]) -> float | None:
     _tell_all(crowd, "fetch", version)
     try:
         held = [part.wait_for("hold", _WEIGHTS, lambda told: told[0] == version) for part in crowd]
-    except TimeoutError:
+    except SilentError:
         return None
     return max(0.0, max(found[1] for found in held) - moment)
 
@@ -200,6 +200,10 @@ def _lag(viewer: ViewerEndpoint) -> float:
     return float(viewer.status(30.0)["snapshot"].get("lag", {}).get("mean") or 0.0)
 
 
+class SilentError(UserError):
+    """A process of a row has not said in time what was waited for."""
+
+
 class Child:
     """A process of a row and the pipe to it."""
 
@@ -226,7 +230,7 @@ class Child:
     def wait_for(
         self, kind: str, seconds: float, wanted: Callable[[list[Any]], bool] = lambda told: True
     ) -> list[Any]:
-        """What it tells with the next word of that kind; raises TimeoutError, UserError."""
+        """What it tells with the next word of that kind; raises SilentError, UserError."""
         deadline = time.monotonic() + seconds
         while True:
             for place, (word, *what) in enumerate(self._told):
@@ -235,7 +239,10 @@ class Child:
                     return what
             left = deadline - time.monotonic()
             if left <= 0:
-                raise TimeoutError(f"bench fleet: the {self._name} did not say {kind}")
+                raise SilentError(
+                    f"bench fleet: the {self._name} did not say {kind} within {seconds:g} s; try"
+                    " fewer actors, or a machine with less else to do"
+                )
             wait([self._channel, self._process.sentinel], left)
             self.check()
             if self._channel.poll():

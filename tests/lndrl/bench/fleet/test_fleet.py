@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from lndrl.bench.fleet.chunk import Template
 from lndrl.bench.fleet.model import ChunkCost, fitted
 from lndrl.bench.fleet.plan import Plan, plan_of
-from lndrl.bench.fleet.row import measure, quantile, shares_of
+from lndrl.bench.fleet.row import SilentError, _process, measure, quantile, shares_of
 from lndrl.bench.fleet.scene import fleet_config
 from lndrl.bench.fleet.table import table, with_efficiency
 from lndrl.bench.scene import with_settings
@@ -100,6 +101,18 @@ def test_what_cannot_be_measured_is_said(
 ) -> None:
     assert run(["bench", "fleet", *words.split()]) == 2
     assert said in capsys.readouterr().err
+
+
+def say_nothing(channel: Connection) -> None:
+    channel.poll(60.0)
+
+
+def test_a_process_that_says_nothing_ends_the_bench_in_a_sentence() -> None:
+    with _process("learner", say_nothing) as child:
+        with pytest.raises(SilentError, match=r"the learner did not say ready within 0\.1 s; try"):
+            child.wait_for("ready", 0.1)
+        child.tell("stop")
+    assert issubclass(SilentError, UserError), "which the command line shows as a sentence"
 
 
 def test_fleet_options_go_with_fleet(capsys: pytest.CaptureFixture[str]) -> None:
