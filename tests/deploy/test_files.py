@@ -62,6 +62,13 @@ def test_every_command_line_is_one_of_the_program(where: str, words: list[str]) 
     load_command(name).make_context(name, rest)  # raises for an option that there is not
 
 
+def test_files_name_each_other_by_where_they_are() -> None:
+    texts = [f for f in DEPLOY.rglob("*") if f.suffix in (".md", ".yaml", ".yml", ".sbatch", "")]
+    for file in filter(Path.is_file, texts):
+        for named in re.findall(r"(?<![\w/])deploy/[\w./-]*\w", file.read_text()):
+            assert (ROOT / named).exists(), f"{file.relative_to(ROOT)} names {named}"
+
+
 def test_containers_copy_what_is_there_and_may_be_seen() -> None:
     text = (DEPLOY / "container/Containerfile").read_text()
     seen = [
