@@ -19,8 +19,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
+from ipaddress import ip_address
 from typing import Any
 
+import psutil
 import torch
 import torch.distributed as dist
 from torch import Tensor
@@ -154,6 +156,7 @@ class Team:
             return None
         address = f"{given['MASTER_ADDR']}:{port}"
         stay_on_this_machine(given["MASTER_ADDR"])
+        meet_by_interface(given["MASTER_ADDR"])
         try:
             wait = timedelta(seconds=timeout)
             store, rank, size = next(iter(dist.rendezvous("env://", timeout=wait)))
@@ -291,6 +294,28 @@ _AGAIN = (
     "the job ends here; what is trained is in the last checkpoint, and --resume goes on with any "
     "number of ranks"
 )
+
+
+def meet_by_interface(address: str) -> None:
+    """Let gloo use the interface that leads to ``address`` where this host's own name does not.
+
+    gloo takes the address of that name, which many systems (Debian's 127.0.1.1) have point to the
+    loopback: ranks on other machines would find nobody there.
+    """
+    try:
+        if not ip_address(socket.gethostbyname(socket.gethostname())).is_loopback:
+            return
+    except OSError:
+        pass  # a name that nobody knows leads nowhere, either
+    with suppress(OSError):
+        family, _, _, _, there = socket.getaddrinfo(address, 1, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect(there)  # sends nothing
+            mine = probe.getsockname()[0]
+        for interface, addresses in psutil.net_if_addrs().items():
+            if any(each.address.partition("%")[0] == mine for each in addresses):
+                os.environ.setdefault("GLOO_SOCKET_IFNAME", interface)
+                return
 
 
 def stay_on_this_machine(address: str) -> None:

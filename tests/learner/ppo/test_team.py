@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -15,7 +17,7 @@ import torch.distributed as dist
 
 from learner.ppo.batch import Batch
 from learner.ppo.example.stage import stage_of
-from learner.ppo.team import Team
+from learner.ppo.team import Team, meet_by_interface
 from learner.ppo.update import PPO, DivergedError
 from learner.ranks.alike import digest_of
 from lndrl.errors import UserError
@@ -87,6 +89,22 @@ def test_two_ranks_take_the_step_that_one_takes(team: Team, case: str) -> None:
     finally:
         one.close()
         two.close()
+
+
+@pytest.mark.parametrize(
+    ("own", "found"), [("127.0.1.1", "lo"), (OSError("unknown"), "lo"), ("192.0.2.7", None)]
+)
+def test_a_host_whose_name_is_its_loopback_is_met_by_the_interface(monkeypatch, own, found) -> None:
+    def named(name: str) -> str:
+        if isinstance(own, OSError):
+            raise own
+        return str(own)
+
+    monkeypatch.setenv("GLOO_SOCKET_IFNAME", "")  # so that it comes back afterwards
+    monkeypatch.delenv("GLOO_SOCKET_IFNAME")
+    monkeypatch.setattr(socket, "gethostbyname", named)
+    meet_by_interface("127.0.0.1")  # the one address that leads somewhere on every machine
+    assert os.environ.get("GLOO_SOCKET_IFNAME") == found
 
 
 def test_variables_that_describe_no_rank_are_refused(monkeypatch) -> None:
