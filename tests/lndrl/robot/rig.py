@@ -134,3 +134,16 @@ class Rig:
 def without(*purposes: str) -> Alter:
     """Swallows what is said for ``purposes``."""
     return lambda purpose, content: None if purpose in purposes else content
+
+
+def driving(options: DriveOptions | None = None, **given: Any) -> Rig:
+    """A rig that drives, and has no reason not to."""
+    rig = Rig(options, **given).begin().tick(6)
+    assert rig.reasons == [] and rig.driver.command[0] > 0.0
+    return rig
+
+
+def stands(rig: Rig, reason: str) -> None:
+    """Asserts that it stands, and was told so, for ``reason`` among others."""
+    assert reason in rig.reasons, rig.reasons
+    assert rig.driver.command == (0.0, 0.0) and rig.commands[-1] == (0.0, 0.0)
