@@ -132,7 +132,8 @@ class Arena:
             pose, velocity = self._then()
             age = made.latency * made.tick - self.parameters.delay
             told, passed = self.guard.check(wanted, velocity, sight, pose, age)
-        self.waiting.append((made.latency, told, shown(sight, owner)))
+        seen = shown(sight, owner) | self._met(ranges, owner)
+        self.waiting.append((made.latency, told, seen))
         tally.steps += 1
         tally.vetoed += not passed
         tally.stood += float(told[0]) == 0.0
@@ -268,6 +269,25 @@ class Arena:
         owner[strange | missed] = -1
         ranges = np.where(strange, anything, np.where(missed, made.range_max, ranges))
         return np.minimum(ranges, made.range_max), owner
+
+    def _met(self, ranges: Floats, owner: NDArray[np.int64]) -> set[int]:
+        """The bodies that docs/guard.md speaks of, by the truth and whatever the guard has made of
+        it: two neighbouring beams met them and agree, one of them away from the walls (A6).
+        """
+        if not (owner >= 0).any():
+            return set()
+        agree = np.abs(np.roll(ranges, -1) - ranges) <= self.parameters.pair
+        both = agree & (owner >= 0) & (owner == np.roll(owner, -1))
+        both &= np.maximum(ranges, np.roll(ranges, -1)) < self.made.range_max
+        if self.made.field_of_view < math.tau - 1e-9:
+            both[-1] = False  # the last beam has no neighbour
+        both |= np.roll(both, 1)
+        angle = self.pose[2] + self.bearings[both]
+        at = self.pose[:2] + ranges[both, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+        room = 0.5 * SIDE - np.abs(at).max(axis=1, initial=0.0)
+        # A cell or two more, for the map has cells.
+        away = room > self.parameters.map_tolerance + 2.0 * _RESOLUTION
+        return {int(k) for k in owner[both][away]}
 
     def _somewhere(self) -> Floats:
         point: Floats = self.random.uniform(-0.5 * SIDE + 1.2, 0.5 * SIDE - 1.2, 2)

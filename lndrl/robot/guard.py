@@ -7,6 +7,7 @@ what is guaranteed, under which assumptions, and proves it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -67,7 +68,7 @@ class CommandGuard:
         revised: bool = False,
     ) -> None:
         self.parameters = parameters
-        ticks = max(1, round(period / tick))
+        ticks = max(1, math.ceil(period / tick - 1e-9))
         # The longest first: it forbids most.
         held = range(ticks, 0, -1) if revised else [ticks]
         self._guards = [Guard(parameters, radius, limits, tick, k * tick) for k in held]
@@ -95,6 +96,11 @@ class CommandGuard:
         clean = scanner.echoes(np.asarray(ranges)).astype(np.float64)
         real = np.empty(len(clean), np.bool_)
         borne_out(clean, scanner.range_max, self.parameters.pair, real)
+        if _closes(bearings):  # the last beam's neighbour is the first
+            one, other = float(clean[0]), float(clean[-1])
+            met = 0.0 < one < scanner.range_max and 0.0 < other < scanner.range_max
+            if met and abs(one - other) <= self.parameters.pair:
+                real[[0, -1]] = True
         beam = np.flatnonzero(real)
         angle = np.asarray(bearings, np.float64)[beam]
         reach = clean[beam]
@@ -168,6 +174,25 @@ def moved_by(velocity: ArrayLike, seconds: float, since: ArrayLike = (0.0, 0.0, 
     half = 0.5 * w * seconds
     chord = v * seconds * float(np.sinc(half / np.pi))
     return compose(since, (chord * np.cos(half), chord * np.sin(half), 2.0 * half))
+
+
+def braked_evenly(limits: Limits, fastest: float, tick: float) -> Limits:
+    """``limits`` by which a path in steps of ``tick`` s, slower from each step's start on, ends no
+    sooner than a base that brakes evenly within ``limits`` from ``fastest`` m/s; from any less, by
+    an eighth of ``fastest * tick`` m at the most.
+    """
+    gain, loss, turn = limits
+    if not (math.isfinite(loss) and fastest > 0.0):
+        return limits
+    return gain, loss * fastest / (fastest + loss * tick), turn
+
+
+def _closes(bearings: NDArray[np.floating]) -> bool:
+    """Whether a scan goes all around, so that its last beam looks beside its first."""
+    if len(bearings) < 3:
+        return False
+    step, gap = (abs(math.remainder(float(bearings[k] - bearings[0]), math.tau)) for k in (1, -1))
+    return gap <= 1.5 * step
 
 
 def _seen_from(pose: Floats, points: Floats) -> Floats:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from lndrl.localization import Scanner
 from lndrl.planners.guard import GuardConfig
 from lndrl.robot.adversaries import WAYS, Adversity, Arena, Tally, contest, square
-from lndrl.robot.guard import CommandGuard, moved_by
+from lndrl.robot.guard import CommandGuard, Sight, braked_evenly, moved_by
+from lndrl.world.odometry import velocities
 
 CHOICES = np.array([(v, w) for v in (0.0, 0.2, 0.4, 0.6) for w in (-0.9, -0.3, 0.0, 0.3, 0.9)])
 BEAMS = 720
@@ -129,6 +130,39 @@ def test_single_readings_and_nothing_are_no_bodies() -> None:
     assert let(made(), strange)[1]
 
 
+def test_the_last_beam_of_a_full_turn_is_beside_the_first() -> None:
+    """A leg behind a robot that looks all around may lie on the seam, a beam on either side."""
+    around = 2.0 * math.pi * (np.arange(360) / 360 - 0.5)
+    ranges = np.full(360, 12.0)
+    ranges[[0, -1]] = 1.0, 1.1
+    for upside_down in (False, True):
+        bearings = -around if upside_down else around
+        assert made().look(ranges, bearings, Scanner()).beam.tolist() == [0, 359]
+    assert not len(made().look(ranges, 0.5 * around, Scanner()).beam)
+    ranges[-1] = 1.4  # does not bear it out
+    assert not len(made().look(ranges, around, Scanner()).beam)
+
+
+def test_a_command_that_holds_for_part_of_a_tick_more_is_looked_at_to_its_end() -> None:
+    def nearest(period: float) -> float:
+        guard = CommandGuard(GuardConfig(), 0.17, None, CHOICES, period, 0.1)
+        return next(x for x in np.arange(0.9, 2.0, 0.01) if let(guard, post(x, 0.0))[1])
+
+    assert nearest(0.44) == nearest(0.5) > nearest(0.4) == nearest(0.1 + 0.1 + 0.1 + 0.1)
+
+
+@pytest.mark.parametrize(("loss", "fastest"), [(1.0, 0.6), (1.0, 0.7), (2.5, 0.26), (0.3, 1.0)])
+def test_steps_of_braking_are_no_shorter_than_braking(loss: float, fastest: float) -> None:
+    limits = braked_evenly((1.0, loss, 2.0), fastest, 0.1)
+    assert limits[0] == 1.0 and limits[2] == 2.0
+    for v in np.linspace(0.05, fastest, 12):
+        slower = velocities(np.array([v, 0.0]), np.zeros((1, 2)), limits, 0.1, 60)[0, :, 0]
+        short = v * v / (2.0 * loss) - 0.1 * slower.sum()
+        assert short <= (fastest * 0.1 / 8.0 if v < fastest else 0.0) + 1e-9
+    at_once = (math.inf, math.inf, math.inf)
+    assert braked_evenly(at_once, 0.6, 0.1) == at_once
+
+
 def test_a_scanner_off_the_centre_and_upside_down() -> None:
     ahead = post(1.0, 0.0)
     guard = made()
@@ -201,6 +235,16 @@ def test_without_the_guard_they_are_touched() -> None:
     for _ in range(400):
         arena.step()
     assert arena.tally.seen > 5
+
+
+def test_what_the_guard_overlooks_is_counted_all_the_same() -> None:
+    """Whether a body was shown is asked of the world, not of what is tested by it."""
+    arena = Arena(GuardConfig(), Adversity(bodies=4), np.random.default_rng(1))
+    nothing = Sight(np.zeros((0, 2)), np.zeros(0, np.bool_), np.zeros(0, np.int64))
+    arena.guard.look = lambda *_: nothing  # type: ignore[method-assign]
+    for _ in range(150):
+        arena.step()
+    assert arena.tally.seen > 3
 
 
 def test_it_lets_the_robot_drive() -> None:
