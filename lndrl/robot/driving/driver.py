@@ -81,7 +81,7 @@ class DriveView:
     guard: bool
     """Whether there is one."""
     doubt: str
-    """What of its bounds does not hold, as far as that is seen."""
+    """What does not hold of its bounds, or of the robot's file, as far as that is seen."""
     guarded: str
     """What it sees, where it holds back what was decided."""
     unseen: float
@@ -310,7 +310,9 @@ class Driver:
             self._emit(0.0, 0.0, now)
 
     def _doubt(self) -> str:
-        """Who walks faster than the guard counts on, in words."""
+        """Who walks faster than the guard counts on, or what TF has otherwise, in words."""
+        if self.senses.mount_doubt:
+            return self.senses.mount_doubt
         people = None if self.guard is None else self.senses.people()
         if self.guard is None or people is None or not len(people.velocity):
             return ""

@@ -19,6 +19,7 @@ from lndrl.robot.driving.people import Follower, Seen, seen
 from lndrl.robot.driving.pilot import in_base
 from lndrl.robot.driving.reasons import Reason
 from lndrl.robot.driving.scans import BaseScan, about_base, fault, scanner_of
+from lndrl.robot.geometry import wrapped
 from lndrl.robot.messages import (
     SECOND,
     Content,
@@ -42,6 +43,8 @@ _PEOPLE_AHEAD = 0.5
 """s by which people are walked on at most, from their stamp to the scan's."""
 _MOST_WAITING = 8
 """Scans that wait for the odometry of their moment."""
+_MOUNTED = (0.05, 0.05)
+"""m and rad by which a scanner may stand off where TF has it."""
 _HELD = 0.5
 """s for which a switch counts as held without saying so again."""
 
@@ -95,6 +98,8 @@ class Senses:
         self._follower = Follower()
         self._faults: dict[str, Fault | None] = {}  # by purpose, until it speaks again
         self._jumped: Fault | None = None  # until somebody gives a pose
+        self.mount_doubt = ""
+        """Where TF says that the scanner stands, if not where ``mount`` does."""
         if map_ is not None:
             self._enter(map_)
         self._takers: dict[str, Callable[[Any, float], None]] = {
@@ -302,6 +307,8 @@ class Senses:
                 self._faults["mounting"] = Reason.NO_SCANNER_POSE, words
                 return None
             mount = mounted(matrix)
+        else:
+            self.mount_doubt = self._elsewhere(mount, scan.frame)
         found = scanner_of(scan, mount, self._limits)
         if found is None and self._limits is not None:
             least, most = self._limits
@@ -311,6 +318,21 @@ class Senses:
                 f"file it reaches from {least:g} m to {most:g} m",
             )
         return found
+
+    def _elsewhere(self, mount: Scanner, frame: str) -> str:
+        """What TF says of the scanner in ``frame``, in words, where that is not ``mount``."""
+        matrix = self.frames.find(self.base, frame) if frame else None
+        if matrix is None:
+            return ""
+        told = mounted(matrix)
+        off = float(np.hypot(told.x - mount.x, told.y - mount.y))
+        turned = abs(wrapped(told.yaw - mount.yaw))
+        if off <= _MOUNTED[0] and turned <= _MOUNTED[1] and told.upside_down == mount.upside_down:
+            return ""
+        flipped = ", upside down" if told.upside_down else ""
+        return (
+            f"TF has the scanner at {told.x:.2f},{told.y:.2f},{np.degrees(told.yaw):.0f}°{flipped}"
+        )
 
     def _take_odometry(self, odometry: Odometry, now: float) -> None:
         wrong = self.wheels.add(odometry)

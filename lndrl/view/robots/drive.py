@@ -36,7 +36,7 @@ def drive_screen(
     """
     guard = styled("guard on", GOOD) if view.guard else styled("no guard", BAD)
     if view.doubt:
-        guard = styled(f"guard on, but {view.doubt}", BAD)
+        guard = styled(f"{guard.plain}, but {view.doubt}", BAD)
     lines = [styled(f"{head}, ", "bold") + guard, *_state(view, width), _numbers(view)]
     if height >= _ROOMY:
         lines.append(_health(view, latency))
