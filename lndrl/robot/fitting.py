@@ -71,4 +71,5 @@ def guard_words(parameters: GuardConfig, base: Base) -> str:
     braking = base.limits[1]
     brakes = f"brakes by {braking:g} m/s²" if math.isfinite(braking) else "stops at once"
     speed, delay = parameters.people_speed, parameters.delay
-    return f"people walk up to {speed:g} m/s, it {brakes} and obeys within {delay:g} s"
+    size = f"all of it is within {base.radius:.3g} m of its middle"
+    return f"people walk up to {speed:g} m/s, it {brakes} and obeys within {delay:g} s, {size}"

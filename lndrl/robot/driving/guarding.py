@@ -18,7 +18,7 @@ from lndrl.robot.driving.belief import Estimate
 from lndrl.robot.driving.maps import RobotMap
 from lndrl.robot.driving.scans import BaseScan
 from lndrl.robot.driving.senses import Senses
-from lndrl.robot.guard import Base, CommandGuard, Sight, moved_by
+from lndrl.robot.guard import Base, CommandGuard, Sight, braked_evenly, moved_by
 from lndrl.robot.messages import SECOND
 from lndrl.world.odometry import velocities
 
@@ -49,6 +49,8 @@ class DriveGuard:
     def __init__(self, parameters: GuardConfig, base: Base, actions: Floats, period: float) -> None:
         self.parameters, self.base = parameters, base
         self._actions, self._period = actions, max(period, base.timeout)
+        fastest = float(np.abs(actions[:, 0]).max(initial=0.0))
+        self._limits = braked_evenly(base.limits, fastest, _TICK)
         self._map: RobotMap | None = None
         self._guard: CommandGuard | None = None
         self._seen: Estimate | None = None
@@ -76,17 +78,30 @@ class DriveGuard:
         sight, guard = self._look(scan, estimate, senses.map)
         newest, stamp = senses.wheels.newest, senses.wheels.stamp
         assert newest is not None and stamp is not None
-        delay = self.parameters.delay
-        speed = senses.wheels.velocity
-        ticks = max(1, math.ceil(delay / _TICK - 1e-9))
-        ahead = velocities(speed, np.array([last]), self.base.limits, _TICK, ticks)[0]
-        # Where the base will be when the command is felt, from where it was at the scan.
-        left = min(max(age + delay - (stamp - scan.stamp) / SECOND, 0.0), _LONGEST)
+        # Where the base will be when the command is felt, from where it was at the scan, and how
+        # fast: from the odometry's moment on it follows what was sent.
+        left = age + self.parameters.delay - (stamp - scan.stamp) / SECOND
+        if left > _LONGEST:
+            return Verdict(
+                0.0, 0.0, f"what is seen will be {left:.1f} s old when a command is felt"
+            )
+        left = max(left, 0.0)
+        ahead = self._ahead(senses.wheels.velocity, last, left)
         moved = moved_by(ahead.mean(axis=0), left, relative(odometry, newest))
         told, passed = guard.check(wanted, ahead[-1], sight, moved, age, choices, scores)
         v, w = told.tolist()
         same = passed or (v, w) == wanted
         return Verdict(v, w, "" if same else _words(sight, moved))
+
+    def _ahead(self, speed: Floats, last: tuple[float, float], seconds: float) -> Floats:
+        """Velocities (ticks, 2) for ``seconds`` from ``speed`` on, after ``last`` was sent.
+
+        Where that is slower it may not be felt before the next command is, and is not relied on.
+        """
+        v, w = last
+        told = np.array([[speed[0] if abs(v) < abs(speed[0]) else v, w]])
+        ticks = max(1, math.ceil(seconds / _TICK - 1e-9))
+        return velocities(speed, told, self.base.limits, _TICK, ticks)[0]
 
     def _look(
         self, scan: BaseScan, estimate: Estimate, map_: RobotMap | None
@@ -95,7 +110,7 @@ class DriveGuard:
         if self._guard is None or map_ is not self._map:
             self._map, self._seen = map_, None
             self._guard = CommandGuard(
-                self.parameters, self.base.radius, self.base.limits, self._actions, self._period,
+                self.parameters, self.base.radius, self._limits, self._actions, self._period,
                 _TICK, None if map_ is None else map_.grid, revised=True,
             )  # fmt: skip
         if self._sight is None or estimate is not self._seen:

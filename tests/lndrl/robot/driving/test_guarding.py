@@ -16,6 +16,8 @@ from lndrl.planners import GuardConfig
 from lndrl.planners.predictive import PredictivePlanner
 from lndrl.robot.driving import Limits
 from lndrl.robot.driving.assembly import DriveOptions
+from lndrl.robot.driving.guarding import DriveGuard
+from lndrl.robot.driving.senses import Trust
 from lndrl.robot.fitting import (
     fitted_limits,
     fitted_topics,
@@ -126,6 +128,23 @@ def test_a_scan_that_waits_for_its_odometry_is_not_what_it_sees() -> None:
     assert before is not None and age is not None and age >= before + 0.05
 
 
+def test_it_takes_the_robot_for_as_fast_as_it_may_be_when_a_command_is_felt() -> None:
+    base = guarded_base(load_shape("turtlebot2"), 0.18)
+    guard = DriveGuard(GuardConfig(delay=0.15), base, np.array([(0.6, 0.9)]), 0.4)
+    # What the wheels said is 0.2 s old: it has gained speed since then, too.
+    rising = guard._ahead(np.zeros(2), (0.6, 0.0), 0.35)
+    assert rising[:, 0] == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    # It was told to slow down, and may not have heard of it.
+    assert guard._ahead(np.array([0.6, 0.0]), (0.2, 0.0), 0.15)[:, 0] == pytest.approx([0.6, 0.6])
+    assert guard._limits[1] < base.limits[1], "brakes of a base that brakes evenly"
+
+
+def test_what_is_too_old_to_foretell_by_is_not_driven_by() -> None:
+    """However long somebody lets sensors be silent."""
+    rig = ready(replace(GUARD, trust=Trust(stale=5.0, people_stale=9.0))).tick(12).quiet(1.0)
+    assert rig.reasons == ["guarded"] and "s old when a command is felt" in rig.driver.guarded
+
+
 def test_in_a_crowd_it_arrives_and_touches_nobody_while_it_moves() -> None:
     shape = load_shape("turtlebot2")
     config = rehearsed(shape, config_of())
@@ -171,7 +190,8 @@ def test_of_a_robot_that_nobody_named_the_worst_is_taken() -> None:
     known = guarded_base(load_shape("turtlebot2"), 0.18)
     assert known.limits == (1.0, 1.0, 2.0) and known.timeout == 0.6
     assert guard_words(GuardConfig(delay=0.15), known) == (
-        "people walk up to 0.5 m/s, it brakes by 1 m/s² and obeys within 0.15 s"
+        "people walk up to 0.5 m/s, it brakes by 1 m/s² and obeys within 0.15 s, all of it is "
+        "within 0.18 m of its middle"
     )
 
 
@@ -185,8 +205,10 @@ def test_a_robots_scanner_is_believed_rather_than_tf() -> None:
     assert rig.reasons == [] and rig.pose_error < 0.3
     assert seen is not None and (seen.scanner.x, seen.scanner.range_min) == (-0.04, 0.164)
     assert rig.driver.senses.radius == 0.165
+    assert rig.driver.status()["doubt"] == "", "nobody says otherwise"
     other = Rig(DriveOptions(robot=shape, scanner=Scanner(x=0.2)), config=config)
     assert other.begin().tick(3).driver.senses.scan.scanner.x == 0.2  # type: ignore[union-attr]
+    assert other.driver.status()["doubt"] == "TF has the scanner at 0.00,0.00,0°"
 
 
 def test_a_rule_plans_with_what_the_robot_can_and_how_fast_it_is() -> None:
