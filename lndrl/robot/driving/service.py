@@ -28,8 +28,6 @@ _CLOCK_STOPPED = 1.5
 """s of ours without a tick of a simulation's clock; one that waits for us takes up to a second."""
 _LAST_STOPS = 5
 _COMMANDS = (names.TWIST, names.TWIST_STAMPED)
-_NEEDED = ("scan", "odometry", "map", "people", "robot_pose")
-"""Topics that must have their type, if anybody publishes them at all."""
 
 
 @dataclass(frozen=True)
@@ -179,15 +177,15 @@ class DriveService:
             self._link.subscribe(clock)
 
     def _wrong_types(self) -> str:
-        """The first topic that nobody publishes as it is listened to, in words."""
+        """The first topic that is published, but by nobody as it is listened to, in words."""
         endpoints = self._link.endpoints()
-        for topic, purpose in self._purposes.items():
+        for topic in self._purposes:
             types = {
                 each.type
                 for each in endpoints
                 if each.kind == "publisher" and each.topic == topic.name
             }
-            if purpose in _NEEDED and types and topic.type not in types:
+            if types and topic.type not in types:
                 return f"{topic.name} carries {', '.join(sorted(types))}, not {topic.type}"
         command = self.wanted.topics.command
         types = {e.type for e in endpoints if e.kind == "subscriber" and e.topic == command}

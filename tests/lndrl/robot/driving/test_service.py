@@ -188,6 +188,24 @@ def test_a_topic_of_another_type_is_named(dialect: str) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "published", "wanted"),
+    [("/joy", names.JOYSTICK, names.SWITCH), ("/people", names.PEOPLE, names.POSES)],
+)
+def test_so_is_one_that_would_only_be_missed(name: str, published: str, wanted: str) -> None:
+    """A deadman, and people who are tracked in another way: without a word nobody would know."""
+    endpoint = free_endpoint()
+    with open_link(Address(endpoint, "rmw", listen=True), "robot") as robot:
+        robot.publisher(Topic(name, published))
+        with open_link(Address(endpoint), "drive") as link:
+            options = DriveOptions(enable_topic="/joy")
+            pilot = Pilot(planner_source("straight"), drive_config(config_of(), options))
+            service = make_service(link, pilot, options)
+            service.run(threading.Event(), over=within(0.3))
+            words = {stop.reason.label: stop.words for stop in service.driver.stops}
+    assert words["wrong_type"] == f"{name} carries {published}, not {wanted}"
+
+
 def test_a_robot_of_another_distribution_is_named() -> None:
     rehearsal = Rehearsal(**FAST)  # type: ignore[arg-type]
     with (
