@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 import yaml
@@ -13,16 +13,9 @@ from lndrl.cli.main import run as lndrl
 from lndrl.machine.threads import kept_threads
 from tests.docs.doing import FOLLOWED, RUNS, shortened
 from tests.docs.pages import ROOT, Command, commands
+from tests.small import small_run
 
-SMALL: dict[str, Any] = {
-    "scenario": "hybrid",
-    "network": {"map_channels": [4, 4, 8], "features": 16, "goal_features": 8},
-    "ppo": {"batch_size": 64, "minibatch_size": 32, "epochs": 1, "teacher": None},
-    "learner": {"total_steps": 64, "threads": 1, "validation_episodes": 0},
-    "actor": {"count": 1, "worlds": 2, "horizon": 16},
-    "localization": {"min_particles": 60, "max_particles": 120},
-    "task": {"time_limit": 4.0},
-}
+SMALL = small_run(steps=64, time_limit=4.0)
 
 
 class Followed(NamedTuple):

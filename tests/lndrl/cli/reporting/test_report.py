@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -13,17 +12,10 @@ from lndrl.cli.main import run as lndrl
 from lndrl.machine.threads import kept_threads
 from tests.lndrl.cli.reporting.chromium import AXE, CHROMIUM, look
 from tests.lndrl.cli.reporting.html_page import HTMLPage
+from tests.small import small_run
 
 V2 = Path(__file__).resolve().parents[4] / "docs" / "results" / "v2"
-SMALL: dict[str, Any] = {
-    "scenario": "hybrid",
-    "network": {"map_channels": [4, 4, 8], "features": 16, "goal_features": 8},
-    "ppo": {"batch_size": 64, "minibatch_size": 32, "epochs": 1, "teacher": None},
-    "learner": {"total_steps": 192, "threads": 1, "validation_episodes": 3},
-    "actor": {"count": 1, "worlds": 2, "horizon": 16},
-    "localization": {"min_particles": 60, "max_particles": 120},
-    "task": {"time_limit": 8.0},
-}
+SMALL = small_run(steps=192, time_limit=8.0, validation_episodes=3)
 CHAPTERS = [
     "How it stands",
     "Learning curves",
