@@ -1,8 +1,13 @@
-"""What the system tells of processes that others have started."""
+"""Processes: what the system tells of those of others, and how one of ours is ended."""
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
+from typing import Any
+
+GRACE = 10.0
+"""s that a process has to end by itself once it is asked to."""
 
 
 def descendants(pid: int) -> list[int]:
@@ -21,3 +26,13 @@ def lives(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text("utf-8").rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def end(process: subprocess.Popen[Any], grace: float = GRACE) -> None:
+    """End a process and wait for it: SIGTERM, and SIGKILL where ``grace`` s are not enough."""
+    process.terminate()
+    try:
+        process.wait(grace)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -16,6 +16,7 @@ from lndrl.config import TransportConfig, load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.runner import DEFAULT_CONFIG
 from lndrl.evaluation.sweep.processes import this_program
+from lndrl.machine.processes import end
 from lndrl.policy import initial_weights
 from lndrl.transport import (
     Ack,
@@ -111,12 +112,7 @@ def measure(seconds: float) -> dict[str, float]:
             "frame_kilobytes": largest / 1000.0,
         }
     finally:
-        actor.terminate()
-        try:
-            actor.wait(10.0)
-        except subprocess.TimeoutExpired:
-            actor.kill()
-            actor.wait()
+        end(actor)
         viewer.close()
         door.close()
 

@@ -22,6 +22,7 @@ from lndrl.bench.dashboard.crowd import history, snapshot
 from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep.processes import this_program
+from lndrl.machine.processes import end
 from lndrl.transport import free_endpoint, open_learner
 
 ACTORS = 300
@@ -102,12 +103,7 @@ def _viewer(
     try:
         yield process, terminal
     finally:
-        process.terminate()
-        try:
-            process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        end(process)
         os.close(terminal)
         os.close(inside)
 
