@@ -1,4 +1,4 @@
-"""How busy the machine is that a process runs on: CPU and memory, as shares."""
+"""How busy the machine is that a process runs on: CPU, memory and GPUs, as shares."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import time
 import psutil
 
 from lndrl.machine.cores import machine_cores
+from lndrl.machine.gpu import Cards
 
 
 class Load:
@@ -21,10 +22,12 @@ class Load:
         self._lock = threading.Lock()
         self._looked = time.monotonic()
         self._before = _cpu_seconds()
+        self._cards = Cards()
         self._known: dict[str, float] = {}
 
     def now(self) -> dict[str, float]:
-        """``cpu`` and ``memory`` in use (shares), ``cores``, ``gigabytes`` (2^30 bytes) in all.
+        """``cpu`` and ``memory`` in use (shares), ``cores``, ``gigabytes`` (2^30 bytes) in all,
+        and what ``Cards`` knows of GPUs.
 
         Empty before there is something to say.
         """
@@ -44,6 +47,7 @@ class Load:
             "memory": min(max(1.0 - memory.available / memory.total, 0.0), 1.0),
             "cores": float(machine_cores()),
             "gigabytes": memory.total / 2**30,
+            **self._cards.now(),
         }
 
 

@@ -87,6 +87,7 @@ def _boolean(name: str, value: Any) -> None:
 
 def _machine(value: Any) -> None:
     most = {"cpu": 1.0, "memory": 1.0, "cores": 1e6, "gigabytes": 1e9}
+    most |= {"gpu": 1.0, "gpu_memory": 1.0, "gpus": 1e4}
     if not isinstance(value, dict) or not all(
         type(each) is float and 0 <= each <= most.get(key, -1.0) for key, each in value.items()
     ):

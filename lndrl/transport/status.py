@@ -88,6 +88,9 @@ class Machine(StatusModel):
     memory: Share = 0.0
     cores: Amount = 0.0
     gigabytes: Amount = Field(0.0, description="memory in 2^30 bytes")
+    gpus: Amount = Field(0.0, description="that it has; 0 where none is known")
+    gpu: Share = Field(0.0, description="of the time, mean over its GPUs")
+    gpu_memory: Share = Field(0.0, description="of all its GPUs together")
 
 
 class Rate(StatusModel):

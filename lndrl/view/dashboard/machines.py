@@ -1,7 +1,8 @@
-"""The machines of a run: who works there, how busy CPU and memory are, the busiest first."""
+"""The machines of a run: who works there, how busy CPU, memory and GPUs are, the busiest first."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rich.text import Text
@@ -58,14 +59,34 @@ def line(status: Status, width: int) -> Text:
     words.append("  CPU up to ", style="dim").append(percent(busiest.machine.cpu, 0))
     words.append(f" ({printable(busiest.name)})", style="dim")
     words.append("  memory up to ", style="dim").append(percent(fullest.machine.memory, 0))
-    return fit(words.append(f" ({printable(fullest.name)})", style="dim"), width)
+    words.append(f" ({printable(fullest.name)})", style="dim")
+    if with_one := [host for host in known if host.machine.gpus]:
+        hottest = max(with_one, key=lambda host: host.machine.gpu)
+        words.append("  GPU up to ", style="dim").append(percent(hottest.machine.gpu, 0))
+        words.append(f" ({printable(hottest.name)})", style="dim")
+    return fit(words, width)
+
+
+_GPU: tuple[tuple[str, int, Callable[[Machine], float]], ...] = (
+    ("GPU", 6, lambda machine: machine.gpu),
+    ("its mem.", 8, lambda machine: machine.gpu_memory),
+)
+"""Columns of GPUs, where a machine has one: title, cells, share."""
+_ALL_OF_GPU = 81
+"""Cells from which there is room for both."""
+
+
+def _have_gpus(hosts: Sequence[Host]) -> bool:
+    return any(host.machine.gpus for host in hosts)
 
 
 def machines(status: Status, width: int, rows: int) -> Panel:
     """A row for each machine, at most ``rows`` lines with the heading."""
     found = hosts_of(status)
-    bar = max((width - 62) // 2, 0)
+    graphics = (_GPU if width >= _ALL_OF_GPU else _GPU[:1]) if _have_gpus(found) else ()
+    bar = max((width - 65 - sum(room + 1 for _, room, _ in graphics)) // 2, 0)
     heading = f"{'host':<20} {'work':<18} {'CPU':>6} {'':<{bar}} {'memory':>8} {'':<{bar}} "
+    heading += "".join(f"{title:>{room}} " for title, room, _ in graphics)
     lines = [styled(f"{heading}{'steps/s':>7}", "dim")]
     for host in found[: max(rows - 2, 0) if len(found) > rows - 1 else len(found)]:
         cells = Text(no_wrap=True)
@@ -76,6 +97,9 @@ def machines(status: Status, width: int, rows: int) -> Panel:
         memory = percent(host.machine.memory, 0) if known else MISSING
         cells.append(f"{cpu:>6} ").append_text(progress_bar(host.machine.cpu, bar, GREEN))
         cells.append(f" {memory:>8} ").append_text(progress_bar(host.machine.memory, bar, SKY))
+        for _, room, of in graphics:
+            share = percent(of(host.machine), 0) if host.machine.gpus else MISSING
+            cells.append(f" {share:>{room}}")
         lines.append(cells.append(f" {number(host.rate):>7}"))
     rest = len(found) - (len(lines) - 1)
     if rest:

@@ -365,7 +365,7 @@ def test_everything_here_is_about_a_chunk_header() -> None:
 
 @pytest.mark.parametrize(
     "machine",
-    [None, [], {"cpu": 1.5}, {"cpu": -0.1}, {"memory": float("nan")}, {"cpu": "1"}, {"gpu": 0.5}],
+    [None, [], {"cpu": 1.5}, {"gpu": -0.1}, {"memory": float("nan")}, {"cpu": "1"}, {"fan": 0.5}],
 )
 def test_machines_that_cannot_be_are_no_message(machine) -> None:
     with pytest.raises(MessageError, match="machine"):

@@ -35,9 +35,26 @@ def test_machines_stand_by_how_busy_they_are() -> None:
         panel = machines(status, width, 4)
         assert {cell_len(each.plain) for each in panel.lines} == {width}
         assert len(panel.lines) == 4 and "+2 more" in panel.lines[-1].plain
+        assert panel.lines[0].plain.rstrip().endswith("steps/s") or width < 65
     assert "90 %" in machines(status, 80, 9).lines[2].plain
     assert "3  CPU up to 90 % (two)  memory up to 50 % (one)" in line(status, 80).plain
     assert "nothing is known" in line(parse_status(snapshot | {"actors": []}), 80).plain
+
+
+def test_gpus_have_a_column_where_there_are_any() -> None:
+    card = {"gpus": 2, "gpu": 0.37, "gpu_memory": 0.81}
+    head = {"time": 1.0, "steps": 1, "total_steps": 2, "actors": ACTORS, "host": "head"}
+    head["machine"] = HEAD
+    with_one = parse_status({**head, "machine": {**HEAD, **card}})
+    assert "GPU" not in machines(parse_status(head), 116, 9).lines[0].plain
+    for width in (76, 81, 116):
+        panel = machines(with_one, width, 9)
+        assert {cell_len(each.plain) for each in panel.lines} == {width}
+        assert panel.lines[0].plain.rstrip().endswith("steps/s"), "no column is cut off"
+        assert "GPU" in panel.lines[0].plain and "37 %" in panel.lines[1].plain
+        assert ("81 %" in panel.lines[1].plain) is (width >= 81)
+        assert "37 %" not in panel.lines[2].plain
+    assert "GPU up to 37 % (head)" in line(with_one, 100).plain
 
 
 def test_the_machine_here_is_measured() -> None:
