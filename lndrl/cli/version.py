@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.version import VERSION
 
 # Read from the installed packages' names, because importing torch takes seconds.
@@ -25,6 +26,7 @@ def version(
     else:
         width = max(map(len, found))
         typer.echo("\n".join(f"{name:<{width}}  {number}" for name, number in found.items()))
+        say_next("lndrl", "version", "--json", then="for a report of a bug")
 
 
 def versions() -> dict[str, str]:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from lndrl.cli.help import say_next
 from lndrl.errors import UserError
 from lndrl.wording import counted
 
@@ -51,3 +52,4 @@ def log(
             again = f"lndrl log {run} --to {to} sends the rest"
             raise UserError(f"{error}; not all was sent; {again}") from None
     typer.echo(f"{counted(sent, 'row')} sent")
+    say_next("lndrl", "report", run, then="one page about it")

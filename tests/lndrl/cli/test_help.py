@@ -102,6 +102,7 @@ def test_what_comes_next_can_be_called(capsys: pytest.CaptureFixture[str]) -> No
     [
         ("config show", "next: lndrl config show lndrl  # all keys of one"),
         ("config explain ppo.epochs", "next: lndrl train --set ppo.epochs=4  # "),
+        ("version", "next: lndrl version --json  # for a report of a bug"),
         ("scenarios", "next: lndrl scenarios hall --out hall.png  # a picture of one"),
         (
             "bench reward --seconds 0.02",
