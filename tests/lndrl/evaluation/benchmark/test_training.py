@@ -105,7 +105,9 @@ def test_the_papers_rows_are_taught_alike_and_all_train_as_long() -> None:
     assert {r.config.learner.validation_episodes for r in runs.values()} == {400}
     # What is no row alone is what it is elsewhere, but for how it is validated.
     for name in ("table-careful", "paper"):
-        learner = load_config(name).learner.model_copy(update={"validation_episodes": 400})
+        learner = load_config(name).learner.model_copy(
+            update={"validation_episodes": 400, "total_steps": 800_000}
+        )
         expected = load_config(name).model_copy(update={"learner": learner})
         assert runs[name].config == expected
 
