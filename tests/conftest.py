@@ -41,6 +41,7 @@ LONGEST = [
     "lndrl/kernels/test_store.py",
     "lndrl/evaluation/test_pool.py",
     "lndrl/view/dashboard/test_terminal.py",
+    "lndrl/view/dashboard/test_training.py",
     "learner/ranks/test_job.py",
     "learner/ppo/test_update.py",
     "lndrl/test_deployment_page.py",
