@@ -182,8 +182,14 @@ def test_ctrl_c_while_driving_leaves_no_page(
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (apt-get install chromium)")
-@pytest.mark.parametrize("name", ["runs/tiny/report.html", "v2.html"])
-@pytest.mark.parametrize(("width", "dark"), [(390, True), (1440, False)])
+@pytest.mark.parametrize(
+    ("name", "width", "dark"),
+    [
+        *(("runs/tiny/report.html", w, dark) for w in (390, 1440) for dark in (False, True)),
+        # Of the same style: what is narrow and what is dark is seen once.
+        *(("v2.html", w, dark) for w, dark in ((390, True), (1440, False))),
+    ],
+)
 def test_chromium_shows_it_whole(name: str, width: int, dark: bool, tmp_path: Path) -> None:
     found = look(Path(name), tmp_path, width, dark, axe=bool(AXE))
     assert found["width"] == width and found["dark"] == dark
