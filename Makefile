@@ -5,6 +5,9 @@
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
 	"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' \
 	2>/dev/null && echo "$$python" && break; done)
+# Where uv is there it installs, in a fifth of pip's time; pip does what uv cannot, e.g. where only
+# pip's configuration names a mirror. UV= does without.
+UV ?= $(shell command -v uv)
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
@@ -36,16 +39,19 @@ help:
 	@echo "make clean     remove caches and builds, keep .venv and runs"
 	@echo "make lock      rewrite requirements.lock from what pyproject.toml allows today"
 
+# $(call fill,WHAT): put WHAT into .venv.
+fill = $(if $(UV),$(UV) pip install --quiet --python $(BIN)/python $(1) || )$(BIN)/python -m pip install --quiet $(1)
+
 install: $(STAMP)
 
 $(STAMP): requirements.lock pyproject.toml
 	test -x $(BIN)/python || $(or $(PYTHON),$(error no Python from 3.11 on runs here; install one or say make PYTHON=...)) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --requirement requirements.lock
+	$(call fill,--requirement requirements.lock)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
 $(REFERENCES): $(STAMP) tests/references/requirements.lock
-	$(BIN)/python -m pip install --quiet --no-deps --requirement tests/references/requirements.lock
+	$(call fill,--no-deps --requirement tests/references/requirements.lock)
 	@touch $@
 
 references: $(REFERENCES)
