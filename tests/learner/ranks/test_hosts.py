@@ -57,7 +57,7 @@ def test_ranks_on_two_hosts_find_each_other_and_end_in_order(tmp_path: Path) -> 
             ranks[0].send_signal(signal.SIGINT)
             codes = [rank.wait(PATIENCE) for rank in ranks]
         finally:
-            for rank in ranks:
-                rank.kill()
+            for process in ranks:
+                process.kill()
     assert codes == [128 + signal.SIGINT, 0], [log.read_text() for log in logs]
     assert (tmp_path / "runs/far/summary.json").exists()
