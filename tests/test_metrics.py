@@ -44,6 +44,7 @@ SMALL: dict[str, Any] = {
 }
 SETTINGS = ["learner.validation_episodes=1", "learner.validation_share=1"]
 TRACKERS = [name for name in ("wandb", "mlflow") if find_spec(name) is not None]
+FOLLOWING = "next: lndrl report runs/a  # one page about it\n"
 SECRET = "0123456789abcdef0123456789abcdef01234567"  # of the form that W&B's keys have
 # Of panels whose figures this training cannot have: it waits for nobody and drops nothing.
 MAY_BE_EMPTY: set[str] = set()
@@ -279,7 +280,7 @@ def test_mlflow_has_every_row_once_and_a_resumed_run_goes_on_there(
 
     assert steps("ppo/kl") == [row["steps"] for row in trained]
     assert len(steps("validation_greedy/arrived")) == len(rows) - len(trained)
-    assert again(live, "mlflow") == "1 row sent\n"
+    assert again(live, "mlflow") == f"1 row sent\n{FOLLOWING}"
     assert steps("ppo/kl") == [*(row["steps"] for row in trained), trained[-1]["steps"]]
     assert len(client.search_runs([experiment.experiment_id])) == 1
 
@@ -297,7 +298,7 @@ def test_wandb_has_every_row_offline_and_no_secret_is_written(
         rest_sent(live, "wandb")
         count = sum(kept(path) for path in live.folder.glob("runs/a/wandb/offline-run-*/*.wandb"))
         assert count >= len(live.rows()) > 3
-        assert again(live, "wandb").endswith("1 row sent\n")
+        assert again(live, "wandb").endswith(f"1 row sent\n{FOLLOWING}")
     finally:
         import wandb
 
