@@ -124,7 +124,7 @@ def many_figure(runs: Sequence[Curves]) -> Figure:
         dress(axes, f"{outcome} (%)")
         axes.yaxis.set_major_locator(MaxNLocator(5))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        highest = axes.dataLim.y1
+        highest = axes.dataLim.y1 or 1.0  # nothing but zeros
         axes.set_ylim(-0.03 * highest, 1.03 * highest)  # marks at 0 are whole
     large.set_ylim(max(0.0, 10.0 * np.floor(0.1 * large.dataLim.y0)), 100.5)
     large.set_xlim(0.0, 1.015 * longest)
