@@ -87,6 +87,14 @@ def test_they_differ_from_the_robot_and_from_one_another() -> None:
     assert len({tuple(pose) for pose in odometry}) == 4
 
 
+def test_their_particles_are_their_own_where_wheels_do_not_slip() -> None:
+    vector = VectorNavigation(made_config(3, world={"odometry_deviation": 0.0}), 0, 1)
+    circling(vector, 3)
+    replicas = vector.worlds[0].batch.replicas
+    assert len({tuple(pose) for pose in replicas.odometry[0]}) == 1
+    assert len({tuple(pose) for pose in replicas.beliefs.pose[0]}) == 3
+
+
 def test_one_that_is_lost_takes_up_the_belief_of_the_robot() -> None:
     vector = VectorNavigation(made_config(2, -200.0), 0, 1)
     world = vector.worlds[0]
