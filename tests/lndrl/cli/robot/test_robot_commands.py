@@ -122,5 +122,11 @@ def test_a_rehearsal_from_the_command_line(tmp_path: Path) -> None:
     assert replayed["beliefs"] > 50 and replayed["off_mean"] < 0.3
     assert replayed["reference"] == "/lndrl/pose"
     assert replayed["guarded"] == pytest.approx(result["guarded"], abs=0.15)
+    told = start("replay", "drive.mcap", "--policy", "straight", cwd=tmp_path)
+    out, err = told.communicate(timeout=240)
+    assert told.returncode == 0, err
+    assert out.splitlines()[-1] == (
+        "next: lndrl replay drive.mcap --policy straight --out replay.png  # as a picture"
+    )
     assert (tmp_path / "belief.png").stat().st_size > 5000
     assert len((tmp_path / "belief.csv").read_text().splitlines()) == replayed["beliefs"] + 1
