@@ -5,8 +5,8 @@
 PYTHON ?= $(shell for python in python3.13 python3.12 python3.11 python3; do \
 	"$$python" -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' \
 	2>/dev/null && echo "$$python" && break; done)
-# Where uv is there it installs, in a fifth of pip's time; pip does what uv cannot, e.g. where only
-# pip's configuration names a mirror. UV= does without.
+# Where uv is there it installs, being faster (docs/benchmarks.md); pip does what uv cannot, e.g.
+# where only pip's configuration names a mirror. UV= does without.
 UV ?= $(shell command -v uv)
 VENV := .venv
 BIN := $(VENV)/bin
