@@ -61,9 +61,15 @@ class Judge:
         self._distance += float(np.hypot(*(pose - self._last)[:2]))
         self._last = pose.copy()
 
+    def is_there(self, told: StampedPose) -> bool:
+        """Whether who drives believes to be at the goal, and so drives no further."""
+        off = told.pose[:2] - self._body.goal
+        return float(np.hypot(*off)) < self._body.config.task.arrive_distance
+
     def verdict(self, told: StampedPose | None, touched: bool) -> Outcome | None:
-        """After a control step: whether it is over. ``told`` is what the robot believes, in the map
-        frame, held against the truth of the moment that it speaks of; None where it has not said.
+        """After a control step, or when ``is_there``: whether it is over. ``told`` is what the
+        robot believes, in the map frame, held against the truth of the moment that it speaks of;
+        None where it has not said.
         """
         task, body = self._body.config.task, self._body
         if touched:
@@ -76,7 +82,7 @@ class Judge:
             self._judged += 1
             if off > task.lost_distance or turned > task.lost_angle:
                 return "lost"
-            if float(np.hypot(*(estimate[:2] - body.goal))) < task.arrive_distance:
+            if self.is_there(told):
                 return "arrived"
         if self._limited and body.steps >= body.steps_limit:
             return "timeout"

@@ -98,6 +98,9 @@ class StandIn:
         self._commanded = -np.inf  # s of the rehearsal
         self._moved = False  # whether anybody has told it to, in this episode
         self._estimate: StampedPose | None = None
+        self._there: StampedPose | None = None  # the estimate of this episode that is at the goal
+        self._judge: Judge | None = None
+        self._since = 0  # stamp of this episode's beginning
         self._tells_poses = False  # whether who drives says where it believes to be
         self._answered = threading.Event()  # a command or a pose since the last scan
         self._scan_stamp = 0
@@ -138,8 +141,8 @@ class StandIn:
 
     def _episode(self, number: int, stop: threading.Event) -> DrivenEpisode | None:
         """One episode; None where it was stopped."""
-        judge = Judge(self.body, number, self.rehearsal.goals)
-        self._estimate, since, started = None, self._stamp(), False
+        self._judge = judge = Judge(self.body, number, self.rehearsal.goals)
+        self._estimate, self._there, self._since, started = None, None, self._stamp(), False
         self._command, announced = Velocity(0.0, 0.0), -np.inf
         self._moved = False
         touched = False
@@ -153,12 +156,13 @@ class StandIn:
             judge.sensed(self._sense())
             self._wait(stop, started)
             if not started:  # the world stands still until somebody drives
-                started = self._driven(since)
+                started = self._driven()
                 self._ticks += not started
                 if not started:
                     continue
-            elif self.body.between_steps or touched:
-                outcome = judge.verdict(self._estimate, touched)
+            elif self.body.between_steps or touched or self._there is not None:
+                # Who believes to be there stands, and may believe something else a moment later.
+                outcome = judge.verdict(self._there or self._estimate, touched)
                 if outcome is not None:
                     return judge.record(outcome)
             touched = self.body.tick(*self._obeyed())
@@ -166,15 +170,15 @@ class StandIn:
             self._ticks += 1
         return None
 
-    def _driven(self, since: int) -> bool:
-        """Whether somebody has taken up the episode that began at the stamp ``since``."""
+    def _driven(self) -> bool:
+        """Whether somebody has taken up this episode."""
         told = self._estimate
         if not self._tells_poses:
             return self._command.v != 0.0 or self._command.w != 0.0
         if told is None:
             return False
         near = np.hypot(*(told.pose - self.body.start)[:2]) < _NEAR
-        return bool(near) and told.stamp >= since
+        return bool(near) and told.stamp >= self._since
 
     def _obeyed(self) -> tuple[float, float]:
         """The command of this tick: none that is older than the robot's own timeout."""
@@ -253,6 +257,8 @@ class StandIn:
                 self._answered.set()
         elif isinstance(content, StampedPose):
             self._estimate, self._tells_poses = content, True
+            if self._there is None and content.stamp >= self._since:
+                self._there = content if self._judge and self._judge.is_there(content) else None
             if content.stamp >= self._scan_stamp:
                 self._answered.set()
 

@@ -19,7 +19,7 @@ from lndrl.robot.driving import DriveService
 from lndrl.robot.driving.assembly import DriveOptions, drive_config, make_service
 from lndrl.robot.driving.pilot import Pilot
 from lndrl.robot.link import Address, Link, Topic, open_link
-from lndrl.robot.messages import Velocity, names
+from lndrl.robot.messages import StampedPose, Velocity, names
 from lndrl.robot.recording import Recorder
 from lndrl.robot.stand_in import Body, Conditions, DrivenEpisode, Rehearsal, StandIn
 from lndrl.robot.topics import Topics
@@ -100,6 +100,33 @@ def test_a_rehearsal_arrives(
     assert all(record.position_error < 0.4 for record in played.records)
     assert service.driver.tally.arrivals == 2 and len(service.latencies) > 20
     assert recorder.messages > 500 and not recorder.failed
+
+
+@pytest.mark.parametrize("moment", [6, 7], ids="moment{}".format)
+def test_who_has_arrived_may_doubt_it_later(moment: int) -> None:
+    """At least one of the two moments is within a control step."""
+    with stage(Rehearsal(1, **FAST)) as played:  # type: ignore[arg-type]
+        link, body = played.link, played.stand_in.body
+        pose = link.publisher(Topics().topic("own_pose"), urgent=True)
+        command = link.publisher(Topics().topic("command", names.TWIST), urgent=True)
+        link.subscribe(Topics().topic("scan"))
+        heard = 0
+        while not played.stop.is_set() and heard < 100:
+            try:
+                arrival = link.inbox.get(timeout=0.2)
+            except Empty:
+                continue
+            heard += 1
+            stamp = link.store.decode(arrival.topic.type, arrival.data).stamp  # type: ignore[union-attr]
+            told = body.pose_true.copy()
+            if heard == 4:  # carried to the goal's rim; the world waits for this answer
+                body.world.pose_true[:2] = body.goal + [0.6, 0.0]
+            if heard == moment:
+                told[:2] = body.goal + [0.4, 0.0]
+            command.put(Velocity(0.0, 0.3 if heard < 4 else 0.0, stamp))
+            pose.put(StampedPose(stamp, "map", told))
+        played.thread.join(10.0)
+    assert [record.outcome for record in played.records] == ["arrived"] and heard < 12
 
 
 def test_a_clock_that_is_heard_of_late_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
