@@ -90,6 +90,9 @@ def robot_sim(
             show_default=False,
         ),
     ] = None,
+    sweep: Annotated[
+        bool, typer.Option("--sweep", help="Its scanner turns while it drives, and says so.")
+    ] = False,
     delay: Annotated[float, typer.Option(metavar="S", help="Sensors are so late.")] = 0.0,
     jitter: Annotated[float, typer.Option(metavar="S", help="Deviation of that.")] = 0.0,
     loss: Annotated[float, typer.Option(metavar="SHARE", help="Of sensors' messages.")] = 0.0,
@@ -151,7 +154,7 @@ def robot_sim(
         fastest = shape.speed.linear, shape.speed.angular
     like = f"as {policy} was trained" if shape is None else shape.description or f"as {robot}"
     say(f"robot-sim: {config.scenario.name}, {like}; loading")
-    body = Body(config, mount, amcl, fastest)
+    body = Body(config, mount, amcl, fastest, sweep)
 
     def told(record: DrivenEpisode) -> None:
         typer.echo(json_format.dumps(record.to_dict()) if json else _line(record))

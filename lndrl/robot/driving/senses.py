@@ -19,6 +19,7 @@ from lndrl.robot.driving.people import Follower, Seen, seen
 from lndrl.robot.driving.pilot import in_base
 from lndrl.robot.driving.reasons import Reason
 from lndrl.robot.driving.scans import BaseScan, about_base, fault, scanner_of
+from lndrl.robot.driving.skew import at_one_moment
 from lndrl.robot.geometry import wrapped
 from lndrl.robot.messages import (
     SECOND,
@@ -291,7 +292,7 @@ class Senses:
                 self._waiting.popleft()  # from before all that the wheels remember
                 continue
             self._waiting.popleft()
-            self.scan = about_base(scan, scanner)
+            self.scan = about_base(at_one_moment(scan, scanner, self.wheels), scanner)
             self.estimate = self.localization.update(self.scan, self.wheels)
             if self.estimate is not None:
                 self._jumped = None

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lndrl.config import RunConfig
-from lndrl.localization import AMCL, LikelihoodMap, Scanner
+from lndrl.localization import AMCL, LikelihoodMap, Scanner, interpolate
 from lndrl.navigation.families import Family
 from lndrl.navigation.navigation import layout_of
 from lndrl.randomness import Stream, episode_states
 from lndrl.robot import geometry
 from lndrl.robot.messages import (
+    SECOND,
     Content,
     GridMap,
     Odometry,
@@ -26,12 +27,14 @@ from lndrl.robot.messages import (
     Transforms,
 )
 from lndrl.world import Place, World
-from lndrl.world.laser import noisy_scan
+from lndrl.world.laser import add_noise, trace
 
 Floats = NDArray[np.float64]
 
 MAP, ODOM, BASE, LASER = "map", "odom", "base_link", "base_scan"
 """Frames, by REP 105."""
+_SECTORS = 16
+"""Of a scan that takes its time: beams of one are cast from one place, 6 ms apart."""
 RANGE_MIN = 0.05
 """m, of a scanner that has none: less than the robot's own radius."""
 
@@ -41,9 +44,10 @@ class Body:
 
     ``scanner``: how it stands, and below which range it is blind; it sees as far as the laser of
     ``config``. ``localizes``: it has an AMCL of its own. ``fastest`` (m/s, rad/s): commands beyond
-    are cut; None: none is. Between episodes the robot is carried to the next
-    start, of which its odometry notices nothing. Call ``begin`` first. Raises UserError for an
-    impossible scenario.
+    are cut; None: none is. ``sweeps``: its scanner takes the whole of a tick to turn round, as one
+    of 10 Hz does, and a scan is stamped with its first beam. Between episodes the robot is
+    carried to the next start, of which its odometry notices nothing. Call ``begin`` first. Raises
+    UserError for an impossible scenario.
     """
 
     def __init__(
@@ -52,12 +56,13 @@ class Body:
         scanner: Scanner | None = None,
         localizes: bool = False,
         fastest: tuple[float, float] | None = None,
+        sweeps: bool = False,
     ) -> None:
         self.config = config
         laser = config.world.laser
         self.scanner = replace(scanner or Scanner(), range_max=float(laser.range_max))
         self._fastest = fastest or (np.inf, np.inf)
-        self._localizes = localizes
+        self._localizes, self._sweeps = localizes, sweeps
         self._layout = -1
         self._odometry = np.zeros(3)  # where the odometer's zero of this episode is
         self._move_to(0)
@@ -93,6 +98,7 @@ class Body:
             self._move_to(layout)
         states = episode_states(seed, number, 0)
         self.world.reset(seed, number, 0, states)
+        self._before = self.world.pose_true.copy()  # a tick ago
         self._ticks = 0
         if self._filter is not None:
             self._filter.reset(self.world.start_pose, states[Stream.LOCALIZATION])
@@ -109,6 +115,7 @@ class Body:
             self.world.begin_step(v, w)
         self.world.command[:] = v, w
         self._ticks += 1
+        self._before[:] = self.world.pose_true
         return self.world.tick()
 
     @property
@@ -169,15 +176,8 @@ class Body:
 
         A robot that localizes itself takes it in.
         """
-        laser, world = self.config.world.laser, self.world
-        setting = world.batch.setting
-        scanner = self.scanner
-        pose = geometry.chained(world.pose_true, np.array([scanner.x, scanner.y, scanner.yaw]))
-        ranges = np.empty(laser.beams, np.float32)
-        noisy_scan(
-            setting.rays, setting.fan, pose, world.leg_position, setting.leg_radius, 1,
-            world.robot.laser_random, world.batch.scratch.laser, ranges,
-        )  # fmt: skip
+        laser, world, scanner = self.config.world.laser, self.world, self.scanner
+        ranges = self._ranges()
         if self._filter is not None:
             self._filter.update(world.pose_odometry, ranges, self._bearings)
         shown = np.where(ranges >= laser.range_max, np.float32(np.inf), ranges)
@@ -186,10 +186,34 @@ class Body:
         if scanner.upside_down:
             shown, first = shown[::-1].copy(), -(first + increment * (laser.beams - 1))
         nearest = max(scanner.range_min, RANGE_MIN)
-        return Scan(
-            stamp, LASER, first, increment, nearest, laser.range_max, shown,
-            scan_time=self.config.world.tick,
+        tick = float(self.config.world.tick)
+        scan = Scan(
+            stamp, LASER, first, increment, nearest, laser.range_max, shown, scan_time=tick
         )  # fmt: skip
+        if not self._sweeps:
+            return scan
+        began = stamp - round(tick * SECOND)
+        return replace(scan, stamp=began, time_increment=tick / laser.beams)
+
+    def _ranges(self) -> NDArray[np.float32]:
+        """What the laser reads (beams,), in the order in which the world casts it."""
+        laser, world = self.config.world.laser, self.world
+        setting, scratch = world.batch.setting, world.batch.scratch.laser
+        mount = np.array([self.scanner.x, self.scanner.y, self.scanner.yaw])
+        ranges, true = np.empty((2, laser.beams), np.float32)
+        sectors = np.array_split(np.arange(laser.beams), _SECTORS if self._sweeps else 1)
+        for number, sector in enumerate(reversed(sectors) if self.scanner.upside_down else sectors):
+            passed = (number + 1) / len(sectors)
+            base = world.pose_true
+            if passed < 1.0:
+                base = interpolate(self._before, world.pose_true, passed)
+            trace(
+                setting.rays, setting.fan, geometry.chained(base, mount), world.leg_position,
+                setting.leg_radius, 1, scratch, ranges,
+            )  # fmt: skip
+            true[sector] = ranges[sector]
+        add_noise(true, setting.fan, world.robot.laser_random, scratch.normals, ranges)
+        return ranges
 
     def own_pose(self, stamp: int) -> StampedPose | None:
         """What the robot's own AMCL says, where it has one."""

@@ -120,9 +120,9 @@ def test_who_has_arrived_may_doubt_it_later(moment: int) -> None:
             stamp = link.store.decode(arrival.topic.type, arrival.data).stamp  # type: ignore[union-attr]
             told = body.pose_true.copy()
             if heard == 4:  # carried to the goal's rim; the world waits for this answer
-                body.world.pose_true[:2] = body.goal + [0.6, 0.0]
+                body.world.pose_true[:2] = body.goal + np.array([0.6, 0.0])
             if heard == moment:
-                told[:2] = body.goal + [0.4, 0.0]
+                told[:2] = body.goal + np.array([0.4, 0.0])
             command.put(Velocity(0.0, 0.3 if heard < 4 else 0.0, stamp))
             pose.put(StampedPose(stamp, "map", told))
         played.thread.join(10.0)

@@ -10,12 +10,16 @@ from lndrl.evaluation import EpisodeRunner
 from lndrl.localization import Scanner
 from lndrl.planners import planner_source
 from lndrl.robot import geometry
+from lndrl.robot.driving.odometry import Wheels
+from lndrl.robot.driving.skew import at_one_moment
 from lndrl.robot.messages import SECOND, Clock, Odometry, Scan, StampedPose, Transforms
 from lndrl.robot.shapes import load_shape, rehearsed
 from lndrl.robot.stand_in import Body, Conditions, Mute, Rehearsal
 from lndrl.robot.stand_in.conditions import Outbox
 from lndrl.robot.stand_in.judge import Judge
 from tests.lndrl.robot.rig import config_of
+
+FIRST, TICK = 10 * SECOND, SECOND // 10
 
 
 def test_episodes_are_those_of_evaluate() -> None:
@@ -102,6 +106,29 @@ def test_its_own_localization_is_told_as_amcl_tells_it() -> None:
     assert pose is not None and np.hypot(*(pose.pose - body.pose_true)[:2]) < 0.3
     by_tf = {(each.parent, each.child): each for each in body.transforms(3).transforms}
     assert set(by_tf) == {("odom", "base_link"), ("map", "odom")}
+
+
+@pytest.mark.parametrize("mount", [None, Scanner(0.1, -0.1, 0.5, upside_down=True)])
+def test_a_scanner_that_turns_while_it_drives(mount: Scanner | None) -> None:
+    still, swept = Body(config_of(), mount), Body(config_of(), mount, sweeps=True)
+    wheels = Wheels()
+    for body in (still, swept):
+        body.begin(0)
+        for _ in range(6):
+            body.tick(0.4, 0.9)
+    # The swept scan began a tick ago, where the other robot stands.
+    wheels.add(Odometry(FIRST, "", "", swept.world.pose_true.copy()))
+    swept.tick(0.4, 0.9)
+    wheels.add(Odometry(FIRST + TICK, "", "", swept.world.pose_true.copy()))
+    scans = [still.scan(FIRST), swept.scan(FIRST + TICK)]
+    assert scans[1].stamp == FIRST and scans[0].time_increment == 0.0
+    assert scans[1].time_increment * len(scans[1].ranges) == pytest.approx(0.1)
+    made = at_one_moment(scans[1], swept.scanner, wheels)
+    both = np.isfinite(scans[0].ranges) & np.isfinite(made.ranges) & np.isfinite(scans[1].ranges)
+    # Noise is some centimetres on either side; people walk and edges are ragged.
+    truth = scans[0].ranges[both]
+    before, after = (np.abs(each.ranges[both] - truth) for each in (scans[1], made))
+    assert np.quantile(after, 0.75) < 0.7 * np.quantile(before, 0.75) and both.sum() > 200
 
 
 def scan(stamp: int) -> Scan:
