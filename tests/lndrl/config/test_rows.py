@@ -18,6 +18,8 @@ from lndrl.config import load_config
                 "task.scan_frames": 3,
                 "task.reward.pose": 0.0,
                 "task.reward.lost": 0.0,
+                "replicas.count": 0,
+                "replicas.lost": 0.0,
                 "network.scan_encoder": "fan",
                 "network.pedestrian_map": False,
                 "network.variances": False,
@@ -29,6 +31,8 @@ from lndrl.config import load_config
                 "task.scan_frames": 3,
                 "task.reward.pose": 0.0,
                 "task.reward.lost": 0.0,
+                "replicas.count": 0,
+                "replicas.lost": 0.0,
                 "network.scan_encoder": "fan",
                 "network.variances": False,
             },
@@ -50,12 +54,12 @@ def test_the_row_taught_by_careful_differs_in_who_teaches_it() -> None:
     assert careful.imitation.settings == load_config("lndrl").imitation.settings != {}
 
 
-def test_the_table_s_own_trains_in_the_world_of_lndrl_with_its_networks_and_reward() -> None:
+def test_the_table_s_own_trains_in_the_world_of_lndrl_with_its_networks() -> None:
     table, ours = load_config("table-lndrl"), load_config("lndrl")
     for part in ("scenario", "world", "localization", "randomize", "network", "actor"):
         assert getattr(table, part) == getattr(ours, part)
-    bounded = ours.task.reward.model_copy(update={"pose_limit": 200.0})
-    assert table.task == ours.task.model_copy(update={"reward": bounded})
+    priced = ours.task.reward.model_copy(update={"pose_limit": 200.0, "collide": -3600.0})
+    assert table.task == ours.task.model_copy(update={"reward": priced})
 
 
 def test_alone_means_the_same_for_both_rows_that_are() -> None:
