@@ -58,7 +58,7 @@ def test_the_table_s_own_trains_in_the_world_of_lndrl_with_its_networks() -> Non
     table, ours = load_config("table-lndrl"), load_config("lndrl")
     for part in ("scenario", "world", "localization", "randomize", "network", "actor"):
         assert getattr(table, part) == getattr(ours, part)
-    priced = ours.task.reward.model_copy(update={"pose_limit": 200.0, "collide": -3600.0})
+    priced = ours.task.reward.model_copy(update={"pose_limit": 200.0, "collide": -2400.0})
     assert table.task == ours.task.model_copy(update={"reward": priced})
 
 

@@ -101,12 +101,12 @@ def test_the_papers_rows_are_taught_alike_and_all_train_as_long() -> None:
     assert len({str((r.config.ppo, r.config.imitation, r.config.learner)) for r in taught}) == 1
     assert taught[0].config.ppo.teacher == "predictive"
     ends = [(r.config.learner.total_steps, r.config.learner.patience) for r in runs.values()]
-    assert set(ends) == {(1_200_000, 0)}
+    assert set(ends) == {(1_000_000, 0)}
     assert {r.config.learner.validation_episodes for r in runs.values()} == {400}
     # What is no row alone is what it is elsewhere, but for how it is validated.
     for name in ("table-careful", "paper"):
         learner = load_config(name).learner.model_copy(
-            update={"validation_episodes": 400, "total_steps": 1_200_000}
+            update={"validation_episodes": 400, "total_steps": 1_000_000}
         )
         expected = load_config(name).model_copy(update={"learner": learner})
         assert runs[name].config == expected
