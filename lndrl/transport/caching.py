@@ -71,8 +71,11 @@ class WeightsCache:
     def _get(self, wanted: str, reply: Reply) -> None:
         with self._lock:
             key = wanted or (str(self._newest) if self._newest != NO_WEIGHTS else "")
-            found = self._kept.get(key)
-            if found is None:
+            found, first = self._kept.get(key), False
+            if found is None and key not in self._waiting and "" in self._waiting:
+                # The newest is on its way, asked for before its number was known: it may be this.
+                self._waiting[""].append(lambda _: self._get(wanted, reply))
+            elif found is None:
                 first = key not in self._waiting
                 self._waiting.setdefault(key, []).append(self._once_more(reply, wanted))
         if found is not None:

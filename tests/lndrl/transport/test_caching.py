@@ -123,3 +123,36 @@ def test_only_the_newest_are_kept() -> None:
     assert Asker(learner, str(KEPT + 2)).version == KEPT + 2
     Asker(learner, "1")
     assert learner.asked[asked:] == ["1"]
+
+
+def test_what_was_asked_for_before_it_had_a_number_does_not_come_twice() -> None:
+    learner = Learner()
+    early = Asker(learner)
+    learner.announce(7)
+    late, named = Asker(learner), Asker(learner, "7")
+    assert learner.asked == [""]
+    learner.answer(7)
+    assert [asker.version for asker in (early, late, named)] == [7] * 3
+    assert learner.asked == [""] and learner.cache.fetched == 1
+
+
+def test_the_newest_that_came_may_be_older_than_what_was_announced_meanwhile() -> None:
+    learner = Learner()
+    early = Asker(learner)
+    learner.announce(8)
+    named = Asker(learner, "8")
+    learner.answer(7)
+    assert early.version == 7 and not named.got and learner.asked == ["", "8"]
+    learner.answer(8)
+    assert named.version == 8
+
+
+def test_whoever_waited_for_a_failed_answer_asks_again() -> None:
+    learner = Learner()
+    early = Asker(learner)
+    learner.announce(7)
+    named = Asker(learner, "7")
+    learner.open.pop(0)[1](None)
+    assert early.got == [None] and not named.got
+    learner.answer(7)
+    assert named.version == 7 and learner.asked == ["", "7"]
