@@ -88,7 +88,7 @@ def _sorted_in(
 
 
 def _is_echo(ranges: NDArray[np.float32], scanner: Scanner) -> NDArray[np.bool_]:
-    return (ranges > max(scanner.range_min, 0.0)) & (ranges < scanner.range_max)
+    return scanner.echoes(ranges) < np.float32(scanner.range_max)  # false for NaN
 
 
 def _nearest_of(met: NDArray[np.bool_]) -> NDArray[np.int64]:
