@@ -9,10 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from lndrl.localization import Scanner
+from lndrl.robot.driving.belief import RobotLocalization
 from lndrl.robot.driving.odometry import Wheels
 from lndrl.robot.driving.scans import about_base
+from lndrl.robot.driving.senses import Senses
 from lndrl.robot.driving.skew import at_one_moment
 from lndrl.robot.messages import SECOND, Odometry, Scan
+from tests.lndrl.robot.rig import config_of
 
 SIDE = 4.0  # m from the middle of a square room to its walls
 SWEEP = 0.1  # s
@@ -114,3 +117,19 @@ def test_scans_that_are_left_as_they_are() -> None:
     assert at_one_moment(scan, Scanner(), wheels_of(0.0, 0.0)) is scan
     assert at_one_moment(scan, Scanner(), Wheels()) is scan
     assert at_one_moment(scan, Scanner(), moving) is not scan
+
+
+def test_what_a_drive_goes_by_is_of_one_moment() -> None:
+    first, step, count = ALL_ROUND
+    empty = Scan(START, "", first, step, 0.0, 12.0, np.zeros(count, np.float32), SWEEP / count)
+    moving = swept(Scanner(), empty, 0.0, 0.9)
+    senses = Senses(RobotLocalization(config_of()), 0.2, mount=Scanner())
+    for seconds in (-0.1, 0.0, 0.05, 0.1, 0.15):
+        pose = pose_at(seconds, 0.0, 0.9)
+        reading_ = Odometry(START + round(seconds * SECOND), "odom", "base_link", pose)
+        senses.take("odometry", reading_, seconds, None)
+    senses.take("scan", moving, 0.2, None)
+    expected = at_one_moment(moving, Scanner(), wheels_of(0.0, 0.9)).ranges
+    assert senses.scan is not None
+    np.testing.assert_allclose(senses.scan.own.ranges, expected, atol=1e-5)
+    assert np.abs(moving.ranges - expected).max() > 0.05
