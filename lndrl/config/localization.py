@@ -213,6 +213,10 @@ class LocalizationConfig(Model):
     delay: Annotated[int, Field(ge=0, le=50)] = Field(
         0, description="control steps by which the pose and variances that the robot hears are old"
     )
+    late_truth: Annotated[bool, LATER] = Field(
+        False,
+        description="with kind perfect: the truth is heard late, too, by delay; else at once",
+    )
     agreement_distance: Positive = Field(
         0.2, description="m from an obstacle within which a beam agrees with the estimate"
     )
@@ -250,6 +254,12 @@ class LocalizationConfig(Model):
                 f"not {self.laser_model_type}"
             )
         return self
+
+    @property
+    def heard_delay(self) -> int:
+        """Control steps by which the pose is old that the robot hears."""
+        late = self.kind != "perfect" or self.late_truth
+        return self.delay if late else 0
 
     @property
     def kld_quantile(self) -> float:

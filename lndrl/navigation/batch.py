@@ -72,9 +72,8 @@ class NavigationBatch:
         self.observation = observation
         self.world = WorldBatch(place, config.world, worlds)
         self.beliefs = make_beliefs(worlds, localization)
-        delay = 0 if self.perfect else localization.delay
         limit = config.steps_limit
-        self.tracks = make_tracks(worlds, laser.beams, limit, delay)
+        self.tracks = make_tracks(worlds, laser.beams, limit, localization.heard_delay)
         stride = amcl_beam_stride(laser, config.localization)
         bearings = beam_bearings(laser)[::stride].astype(np.float32)
         self.shared = Filter(

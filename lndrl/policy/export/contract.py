@@ -159,12 +159,11 @@ def _output(config: RunConfig, temperature: float) -> dict[str, Any]:
 def _timing(config: RunConfig) -> dict[str, Any]:
     world, localization = config.world, config.localization
     period = world.tick * world.ticks_per_step
-    delay = 0 if localization.kind == "perfect" else localization.delay
     return {
         "control_period": round(period, 9),
         "control_rate": round(1.0 / period, 9),
         "sensor_period": world.tick,
-        "pose_age": round(delay * period, 9),
+        "pose_age": round(localization.heard_delay * period, 9),
         "unit": {"control_rate": "Hz", "else": "s"},
         "meaning": "one decision per control period, whose velocities are held until the next; in "
         "training deciding took no time, scan and people were of the moment, and pose and "

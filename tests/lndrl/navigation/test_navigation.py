@@ -407,10 +407,17 @@ def test_the_filter_hears_the_ticks_that_it_is_told_to(ticks: list[int]) -> None
         np.testing.assert_array_equal(navigation.localization.covariance, filter_.covariance)
 
 
-def test_the_truth_is_never_late() -> None:
+def test_the_truth_is_late_where_it_is_said_to_be() -> None:
     navigation = started(made_config(localization={"kind": "perfect", "delay": 3}))
     navigation.step(0.6, 0.9)
     assert navigation.track.path_estimated[1] == pytest.approx(navigation.world.pose_true[:2])
+    navigation = started(made_config(localization={"preset": "perfect", "delay": 3, "late_truth": True}))
+    truths = [navigation.world.pose_true.copy()]
+    for _ in range(5):
+        navigation.step(0.6, 0.9)
+        truths.append(navigation.world.pose_true.copy())
+    assert np.hypot(*(truths[2] - truths[5])[:2]) > 0.05
+    np.testing.assert_array_equal(navigation.pose_heard, truths[2])
 
 
 def test_nobody_arrives_without_moving() -> None:
