@@ -41,9 +41,8 @@ _ENDINGS = (".yaml", ".yml")
 
 def shipped(kind: Kind) -> dict[str, Path]:
     """Files of ``kind`` that come with the program, by name, in alphabetical order."""
-    found = {
-        path.stem: path for path in sorted(REPOSITORY_CONFIGS.glob(PLACES[kind]), key=by_number)
-    }
+    paths = {path.stem: path for path in REPOSITORY_CONFIGS.glob(PLACES[kind])}
+    found = {name: paths[name] for name in sorted(paths, key=by_number)}
     if kind == "configuration":  # the others of that folder are of a kind of their own
         others = {*shipped("bench"), *shipped("calibration")}
         found = {n: p for n, p in found.items() if n not in others}

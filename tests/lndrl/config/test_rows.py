@@ -62,6 +62,13 @@ def test_the_table_s_own_trains_in_the_world_of_lndrl_with_its_networks() -> Non
     assert table.task == ours.task.model_copy(update={"reward": priced})
 
 
+@pytest.mark.parametrize("name", ["drl_laser", "drl_laser_ped"])
+def test_who_trusts_its_localization_may_in_training(name: str) -> None:
+    may = {"localization.kind": "perfect", "localization.late_truth": True}
+    assert difference(name, f"{name}-trusting") == may
+    assert load_config(f"{name}-trusting").localization.heard_delay == 2
+
+
 def test_alone_means_the_same_for_both_rows_that_are() -> None:
     """Of a teacher that there is not nothing matters."""
     assert difference("drl_laser_ped", "drl_laser_ped-alone") == {"ppo.teacher": None}

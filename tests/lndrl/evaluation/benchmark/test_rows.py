@@ -17,6 +17,7 @@ def test_a_methods_configuration_is_named_by_it_or_like_it_or_by_who_shares_its_
     assert named == {
         **{name: name for name in ("drl_laser", "drl_laser_ped", "no_variance", "no_reward")},
         **{name: name for name in ("drl_laser_ped-alone", "paper")},
+        **{name: name for name in ("drl_laser-trusting", "drl_laser_ped-trusting")},
         **{name: "table-lndrl" for name in ("lndrl", "lndrl+shield", "lndrl+guard", "oracle")},
         **{name: "table-lndrl" for name in ("lndrl-seed2", "lndrl-seed3")},
         "lndrl-alone": "table-alone",

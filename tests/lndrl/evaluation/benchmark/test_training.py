@@ -85,6 +85,7 @@ def test_the_bench_of_the_repository_trains_each_run_once() -> None:
     assert files == {
         **{name: name for name in ("drl_laser", "drl_laser_ped", "no_variance", "no_reward")},
         **{name: name for name in ("drl_laser_ped-alone", "paper")},
+        **{name: name for name in ("drl_laser-trusting", "drl_laser_ped-trusting")},
         **{name: "table-lndrl" for name in ("lndrl", "lndrl-seed2", "lndrl-seed3")},
         "lndrl-alone": "table-alone",
         "lndrl-careful": "table-careful",
