@@ -411,7 +411,9 @@ def test_the_truth_is_late_where_it_is_said_to_be() -> None:
     navigation = started(made_config(localization={"kind": "perfect", "delay": 3}))
     navigation.step(0.6, 0.9)
     assert navigation.track.path_estimated[1] == pytest.approx(navigation.world.pose_true[:2])
-    navigation = started(made_config(localization={"preset": "perfect", "delay": 3, "late_truth": True}))
+    navigation = started(
+        made_config(localization={"preset": "perfect", "delay": 3, "late_truth": True})
+    )
     truths = [navigation.world.pose_true.copy()]
     for _ in range(5):
         navigation.step(0.6, 0.9)
