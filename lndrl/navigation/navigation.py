@@ -153,7 +153,7 @@ class Navigation:
 
     @property
     def pose_heard(self) -> NDArray[np.float64]:
-        """(3,) the estimate that the robot acts on, ``localization.delay`` steps old."""
+        """(3,) the estimate that the robot acts on, ``localization.heard_delay`` steps old."""
         return self.track.reports[-1, :3]
 
     @property

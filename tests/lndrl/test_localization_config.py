@@ -32,6 +32,13 @@ def test_a_name_stands_for_its_keys() -> None:
         assert getattr(best, key) == value
     assert best.laser_max_beams == 60 and best.kind == "amcl"
     assert load("localization=perfect").localization.kind == "perfect"
+    late = "localization.late_truth=true"
+    told = "localization.kind=perfect"
+    delays = [
+        load("localization.delay=2", *more).localization.heard_delay
+        for more in ((), (told,), (told, late), (late,))
+    ]
+    assert delays == [2, 0, 2, 2]
 
 
 def test_keys_change_a_preset() -> None:

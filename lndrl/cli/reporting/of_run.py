@@ -270,7 +270,7 @@ def _why_lost(source: PlannerSource, config: RunConfig, filmed: Filmed) -> list[
         world="the world that it was trained in",
         seed=config.seed,
         scenarios=(config.scenario.name,),
-        limits=Limits(task.lost_distance, task.lost_angle, config.localization.delay),
+        limits=Limits(task.lost_distance, task.lost_angle, config.localization.heard_delay),
         traces=filmed.traces,
     )
     return [lost_section(report, config.scenario)]

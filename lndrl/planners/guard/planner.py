@@ -54,8 +54,7 @@ class GuardedPlanner:
         self._metres = laser.range_max / SCAN_COUNTS
         # A count of the limit is no echo, and rounding must not make one of it.
         self._range_max = laser.range_max - 0.5 * self._metres
-        perfect = config.localization.kind == "perfect"
-        self._delay = 0 if perfect else config.localization.delay
+        self._delay = config.localization.heard_delay
         self._places: list[Place] = []
         self._poses, self._heard = np.zeros((0, 3)), np.zeros(0, np.int64)
         self._start(0)
