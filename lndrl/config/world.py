@@ -158,6 +158,11 @@ class ReplicaConfig(Model):
         description="paid if all of them got lost, a share of it for each that does, beside "
         "task.reward.lost for the robot's own: what getting lost costs on average, not by luck",
     )
+    risk: float = Field(
+        0.0,
+        description="what getting lost costs, paid before it happens: in every step its chance, as "
+        "far as errors of heading tell it, of the robot's own filter and of replicas together",
+    )
 
     @model_validator(mode="after")
     def _somebody_gets_lost(self) -> ReplicaConfig:

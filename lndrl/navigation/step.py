@@ -29,6 +29,7 @@ from lndrl.navigation.training.replicas import (
     lost_replicas,
     move_replicas,
     replica_row,
+    risks,
     slip_replicas,
 )
 from lndrl.world.laser import Fan, ScanScratch, noisy_scan
@@ -133,7 +134,7 @@ def _shared(packed):
 
 @njit(inline="always")
 def _replicas(packed):
-    return Replicas(Belief(*packed[0]), packed[1], packed[2], packed[3], packed[4])
+    return Replicas(Belief(*packed[0]), packed[1], packed[2], packed[3], packed[4], packed[5])
 
 
 @njit(inline="always")
@@ -290,9 +291,9 @@ def _pay(robots, beliefs, tracks, task, replicas, i):
         tracks.before[i], robots.pose[i], tracks.reports[i, -1], tracks.variance[i],
         robots.goal[i], collided, task.limits, task.weights, tracks.parts[i], tracks.sums[i],
     )  # fmt: skip
-    gone = lost_replicas(replicas, i, robots, beliefs, task.limits)
-    if gone > 0:
-        paid = replicas.price * gone
+    paid = replicas.risk * risks(replicas, i, robots, beliefs) if replicas.risk != 0.0 else 0.0
+    paid += replicas.price * lost_replicas(replicas, i, robots, beliefs, task.limits)
+    if paid != 0.0:
         tracks.parts[i, _LOST_PART] += paid
         tracks.sums[i, _LOST_PART] += paid
         tracks.reward[i, 0] += paid

@@ -5,6 +5,9 @@ hear the robot's scans with an odometer and particles of their own, so each is a
 part of them gets lost estimates the chance itself (conditional Monte Carlo: Asmussen & Glynn 2007,
 "Stochastic Simulation", ch. V.4). A replica that is lost takes up the robot's belief again. The
 robot never hears of them.
+
+A filter is lost by a jump, and some twelve control steps before it errs in its heading, whoever
+drives: ``heading_risk``.
 """
 
 from __future__ import annotations
@@ -17,11 +20,15 @@ from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig, ReplicaConfig
 from lndrl.localization.belief import Belief, make_beliefs
-from lndrl.navigation.reward import is_lost
+from lndrl.navigation.reward import angle_error, is_lost
 from lndrl.randomness import State, stream_state
 from lndrl.world.odometry import draw_slip, drive
 
 Floats = NDArray[np.float64]
+RISK_ANGLE = 0.23
+"""rad: of a filter that errs by e in its heading, (e / this)^3 are lost within ``RISK_STEPS``."""
+RISK_STEPS = 12
+"""Control steps over which that chance is paid, in equal parts."""
 
 
 class Replicas(NamedTuple):
@@ -32,6 +39,7 @@ class Replicas(NamedTuple):
     slip: Floats  # (worlds, n, 2) as ``Robot.slip``
     random: State  # (worlds, n, 4) of their slip
     price: float  # of one that gets lost
+    risk: float  # of the chance that one gets lost, for the robot's own and all of these together
 
 
 def make_replicas(worlds: int, settings: ReplicaConfig, filters: LocalizationConfig) -> Replicas:
@@ -44,6 +52,7 @@ def make_replicas(worlds: int, settings: ReplicaConfig, filters: LocalizationCon
         slip=np.ones((worlds, count, 2)),
         random=np.zeros((worlds, count, 4), np.uint64),
         price=settings.lost / max(count, 1),
+        risk=settings.risk / (count + 1),
     )
 
 
@@ -113,3 +122,23 @@ def lost_replicas(replicas, i, robots, beliefs, limits):
         replicas.beliefs.quality[i, m] = beliefs.quality[i]
         replicas.odometry[i, m] = robots.odometry[i]
     return gone
+
+
+@njit(inline="always")
+def heading_risk(pose_true, pose):
+    """The chance that a filter whose ``pose`` (3,) errs so gets lost, for one control step.
+
+    Fitted to how often filters of ``predictive``, ``careful`` and the shipped policy were lost
+    within ``RISK_STEPS`` of such an error: docs/training.md.
+    """
+    ratio = angle_error(pose_true, pose) / RISK_ANGLE
+    return min(ratio * ratio * ratio, 1.0) / RISK_STEPS
+
+
+@njit(inline="always")
+def risks(replicas, i, robots, beliefs):
+    """``heading_risk`` of the filter of world ``i`` and of its replicas, added up."""
+    total = heading_risk(robots.pose[i], beliefs.pose[i])
+    for m in range(replicas.odometry.shape[1]):
+        total += heading_risk(robots.pose[i], replicas.beliefs.pose[i, m])
+    return total
