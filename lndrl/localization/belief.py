@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LaserConfig, LocalizationConfig
@@ -142,6 +143,16 @@ def motion_noise(config: LocalizationConfig) -> Vector:
 def belief_of(beliefs: Belief, world: int) -> Belief:
     """Views of one world's arrays in ``make_beliefs``."""
     return Belief(*(array[world] for array in beliefs))
+
+
+@njit(inline="always")
+def belief_row(beliefs, i):
+    """``belief_of`` for kernels."""
+    return Belief(
+        beliefs.particles[i], beliefs.weights[i], beliefs.averages[i], beliefs.odometry[i],
+        beliefs.pose[i], beliefs.covariance[i], beliefs.numbers[i], beliefs.random[i],
+        beliefs.quality[i], beliefs.alpha[i],
+    )  # fmt: skip
 
 
 def beam_room(config: LocalizationConfig, laser: LaserConfig) -> int:

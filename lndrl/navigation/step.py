@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.kernels import kernel
-from lndrl.localization.belief import Belief, Field, Settings
+from lndrl.localization.belief import Belief, Field, Settings, belief_row
 from lndrl.localization.belief import Scratch as FilterScratch
 from lndrl.localization.bins import Bins
 from lndrl.localization.update import update_belief
@@ -158,16 +158,6 @@ def people_row(people, i):
 
 
 @njit(inline="always")
-def belief_row(beliefs, i):
-    """World ``i`` of ``Belief`` arrays, for kernels."""
-    return Belief(
-        beliefs.particles[i], beliefs.weights[i], beliefs.averages[i], beliefs.odometry[i],
-        beliefs.pose[i], beliefs.covariance[i], beliefs.numbers[i], beliefs.random[i],
-        beliefs.quality[i], beliefs.alpha[i],
-    )  # fmt: skip
-
-
-@njit(inline="always")
 def track_row(tracks, i):
     """World ``i`` of ``Track`` arrays, for kernels."""
     return Track(
@@ -186,7 +176,7 @@ def _begin(robot, track, v, w):
     take_command(robot, v, w)
 
 
-@kernel()
+@kernel(_nrt=False)
 def drive_worlds(machine, first, commands, ticks):
     """``ticks`` ticks of the worlds from ``first`` on, with ``commands`` (W, 2): m/s, rad/s.
 
@@ -309,7 +299,7 @@ def _pay(robots, beliefs, tracks, task, replicas, i):
     tracks.outcome[i, 0] = outcome
 
 
-@kernel()
+@kernel(_nrt=False)
 def judge_worlds(machine, first, worlds, begun):
     """Observe ``worlds`` worlds from ``first`` on, and pay and judge what they have just driven.
 

@@ -12,13 +12,13 @@ import numpy as np
 
 from lndrl.kernels import kernel
 from lndrl.localization.angles import wrap
-from lndrl.localization.belief import COUNT, CURRENT, EFFECTIVE_COUNT, Belief
+from lndrl.localization.belief import COUNT, CURRENT, EFFECTIVE_COUNT, Belief, belief_row
 from lndrl.localization.belief import Scratch as FilterScratch
 from lndrl.localization.bins import Bins
 from lndrl.localization.clusters import two_places
 from lndrl.localization.update import fill_bins, fits
 from lndrl.navigation.privileged.floats import GOAL_UNIT, LIMIT, MASS_UNIT, NAMES, POSE_UNIT
-from lndrl.navigation.step import Task, belief_row
+from lndrl.navigation.step import Task
 from lndrl.navigation.track import Track
 from lndrl.world.people import People
 from lndrl.world.robot import Robot

@@ -19,7 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lndrl.config import LocalizationConfig, ReplicaConfig
-from lndrl.localization.belief import Belief, make_beliefs
+from lndrl.kernels import kernel
+from lndrl.localization.belief import Belief, belief_row, make_beliefs
 from lndrl.navigation.reward import angle_error, is_lost
 from lndrl.randomness import State, stream_state
 from lndrl.world.odometry import draw_slip, drive
@@ -86,6 +87,28 @@ def replica_row(beliefs, i, m):
     )  # fmt: skip
 
 
+@kernel(_nrt=False, error_model="numpy")
+def _take_up(mine, theirs):
+    """``take_up`` for kernels, of one belief. Element by element: slices would count references."""
+    for j in range(theirs.particles.shape[0]):
+        for k in range(theirs.particles.shape[1]):
+            for n in range(theirs.particles.shape[2]):
+                mine.particles[j, k, n] = theirs.particles[j, k, n]
+    for n in range(theirs.weights.size):
+        mine.weights[n] = theirs.weights[n]
+    for k in range(2):
+        mine.averages[k] = theirs.averages[k]
+    for k in range(3):
+        mine.odometry[k] = theirs.odometry[k]
+        mine.pose[k] = theirs.pose[k]
+        for j in range(3):
+            mine.covariance[k, j] = theirs.covariance[k, j]
+    for k in range(theirs.numbers.size):
+        mine.numbers[k] = theirs.numbers[k]
+    for k in range(theirs.quality.size):
+        mine.quality[k] = theirs.quality[k]
+
+
 @njit(inline="always")
 def slip_replicas(replicas, i, deviation):
     """Draw how much the wheels slip in what the replicas of world ``i`` hear."""
@@ -112,15 +135,9 @@ def lost_replicas(replicas, i, robots, beliefs, limits):
         if not is_lost(pose_true, replicas.beliefs.pose[i, m], limits[0], limits[1]):
             continue
         gone += 1
-        replicas.beliefs.particles[i, m] = beliefs.particles[i]
-        replicas.beliefs.weights[i, m] = beliefs.weights[i]
-        replicas.beliefs.averages[i, m] = beliefs.averages[i]
-        replicas.beliefs.odometry[i, m] = beliefs.odometry[i]
-        replicas.beliefs.pose[i, m] = beliefs.pose[i]
-        replicas.beliefs.covariance[i, m] = beliefs.covariance[i]
-        replicas.beliefs.numbers[i, m] = beliefs.numbers[i]
-        replicas.beliefs.quality[i, m] = beliefs.quality[i]
-        replicas.odometry[i, m] = robots.odometry[i]
+        _take_up(replica_row(replicas.beliefs, i, m), belief_row(beliefs, i))
+        for k in range(3):
+            replicas.odometry[i, m, k] = robots.odometry[i, k]
     return gone
 
 

@@ -110,6 +110,29 @@ def test_one_that_is_lost_takes_up_the_belief_of_the_robot() -> None:
     assert vector.step_velocities(np.array([[0.3, 0.0]])).parts[0, LOST] == 0.0
 
 
+@pytest.mark.parametrize("count", [0, 3])
+def test_the_chance_of_getting_lost_is_paid_as_headings_tell_it(count: int) -> None:
+    price = -3600.0
+    unpaid = VectorNavigation(made_config(task={"reward": {"lost": 0.0}}), 0, 2)
+    settings = {"replicas": {"count": count, "risk": price}, "task": {"reward": {"lost": 0.0}}}
+    vector = VectorNavigation(made_config(**settings), 0, 2)
+    batch, seen = vector.worlds[0].batch, 0
+    for _ in range(60):
+        (own,), (paid,) = circling(unpaid, 1), circling(vector, 1)
+        more = paid.parts[:, LOST] - own.parts[:, LOST]
+        np.testing.assert_allclose(paid.reward - own.reward, more, atol=1e-3)
+        for world in np.flatnonzero(~paid.terminated):  # whose filters are not new ones
+            yaws = [batch.beliefs.pose[world, 2], *batch.replicas.beliefs.pose[world, :, 2]]
+            error = np.abs(np.angle(np.exp(1j * (batch.world.robots.pose[world, 2] - yaws))))
+            # (e / 0.23 rad)^3 of the filters are lost within 12 steps. One that is lost has already
+            # taken up the robot's belief, which says another chance.
+            chance = np.minimum((error / 0.23) ** 3, 1.0) / 12.0
+            if count == 0 or more[world] > 0.9 * price / (count + 1) / 12.0:
+                assert more[world] == pytest.approx(price * chance.mean(), rel=1e-5, abs=1e-6)
+                seen += chance.max() > 1e-4
+    assert seen > 10
+
+
 def test_worlds_do_not_depend_on_one_another_and_repeat() -> None:
     def rewards(first: int, worlds: int, world: int) -> list[float]:
         vector = VectorNavigation(made_config(3, -900.0), first, worlds)
@@ -130,6 +153,8 @@ def test_a_copy_and_a_second_try_go_on() -> None:
 def test_a_true_pose_has_none() -> None:
     vector = VectorNavigation(made_config(3, -900.0, localization="perfect"), 0, 1)
     assert all(result.parts[0, LOST] == 0.0 for result in circling(vector, 50))
+    config = made_config(localization="perfect", replicas={"count": 2, "risk": -900.0})
+    assert all(result.parts[0, LOST] == 0.0 for result in circling(VectorNavigation(config), 50))
 
 
 def test_tests_have_none_and_the_default_neither() -> None:
