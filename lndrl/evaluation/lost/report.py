@@ -17,6 +17,7 @@ from lndrl.evaluation.lost.summary import (
     BEFORE,
     CELL,
     FIGURES,
+    HEADING_STEPS,
     JUMP_SHARE,
     RISKS,
     TURNED_STEPS,
@@ -153,6 +154,7 @@ class LostReport:
             "jump_angle": JUMP_SHARE * self.limits.angle,
             "steps_before": BEFORE,
             "turned_steps": TURNED_STEPS,
+            "heading_steps": HEADING_STEPS,
             "people_within": AHEAD,
             "cell": CELL,
         }

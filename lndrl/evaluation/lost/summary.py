@@ -25,6 +25,9 @@ TURNED_STEPS = 12
 """Control steps over which turning is summed: 4.8 s."""
 BEFORE = 10
 """Control steps before the loss that are looked at."""
+HEADING_STEPS = 6
+"""Control steps before a moment whose error of heading it is counted by: halfway through the twelve
+for which ``lndrl.navigation.training.replicas`` takes an error of heading for a sign of loss."""
 CELL = 2.0
 """m, side of the cells in which losses are counted by place."""
 
@@ -45,9 +48,11 @@ by ROS's rule), a share of the weight."""
 TURNED_EDGES = (0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0)  # rad
 ECHO_EDGES = (0.2, 0.4, 0.6, 0.8)
 PEOPLE_EDGES = (1, 2, 3, 5)
+HEADING_EDGES = (0.02, 0.04, 0.06, 0.08, 0.1, 0.14, 0.2)  # rad
 STEP_EDGES = (10, 20, 30, 40, 50, 60, 80)
 RISKS = {
-    "turned": TURNED_EDGES, "echoes": ECHO_EDGES, "people": PEOPLE_EDGES, "step": STEP_EDGES,
+    "turned": TURNED_EDGES, "heading": HEADING_EDGES, "echoes": ECHO_EDGES,
+    "people": PEOPLE_EDGES, "step": STEP_EDGES,
 }  # fmt: skip
 WHOLE = ("people", "step")
 """Those of ``RISKS`` that are counted in whole numbers."""
@@ -63,6 +68,14 @@ def turned(yaw: ArrayLike, steps: int = TURNED_STEPS) -> Floats:
     way = np.concatenate([[0.0], np.cumsum(np.abs(_wrapped(change)))])
     begun = np.concatenate([np.zeros(min(steps, len(way))), way[:-steps]])
     return np.asarray(way - begun, np.float64)
+
+
+def heading_before(trace: Trace, steps: int = HEADING_STEPS) -> Floats:
+    """By how much (rad) the filter's heading erred ``steps`` steps before every moment, (T + 1,).
+
+    Before the start it erred as at the start.
+    """
+    return _angle_error(trace, 0)[np.maximum(np.arange(len(trace.moments)) - steps, 0)]
 
 
 def errors(trace: Trace) -> tuple[Floats, Floats]:
@@ -235,6 +248,7 @@ class Exposure(NamedTuple):
     x: Floats  # m
     y: Floats  # m
     turned: Floats  # rad
+    heading: Floats  # rad, error of the estimate some steps before
     echoes: Floats  # share
     people: Floats
     step: Floats  # control steps since the start of the episode
@@ -253,7 +267,8 @@ def exposure_of(traces: Sequence[Trace], scenarios: Sequence[str], limits: Limit
         place = np.full(trace.steps, scenarios.index(trace.scenario))
         values = (
             trace.column("x"), trace.column("y"), turned(trace.column("yaw")),
-            trace.column("echoes"), trace.column("people"), np.arange(trace.steps + 1.0),
+            heading_before(trace), trace.column("echoes"), trace.column("people"),
+            np.arange(trace.steps + 1.0),
         )  # fmt: skip
         columns.append([place, *(value[moments] for value in values), lost])
     return Exposure(*(np.concatenate(column) for column in zip(*columns, strict=True)))

@@ -14,6 +14,7 @@ from lndrl.evaluation.lost.report import LostReport
 from lndrl.evaluation.lost.summary import (
     BEFORE,
     FIGURES,
+    HEADING_STEPS,
     JUMP_SHARE,
     RISKS,
     TURNED_STEPS,
@@ -25,6 +26,7 @@ from lndrl.wording import counted
 
 RISK_NAMES = {
     "turned": f"turned in the last {TURNED_STEPS} steps (rad)",
+    "heading": f"heading off {HEADING_STEPS} steps before (rad)",
     "echoes": "share of beams with an echo",
     "people": f"people ahead, within {AHEAD:g} m",
     "step": "control steps since the start",

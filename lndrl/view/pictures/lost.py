@@ -44,11 +44,12 @@ _PINK = OUTCOME["lost"]
 _PLACES = "scenario"
 _TITLES = {
     "turned": "turned in 4.8 s (rad)",
+    "heading": "off 2.4 s before (rad)",
     "echoes": "beams with an echo",
     "people": "people within 6 m",
     "step": "steps since the start",
 }
-"""Of the charts: shorter than the tables' names, for five of them stand side by side."""
+"""Of the charts: shorter than the tables' names, for six of them stand side by side."""
 
 
 def lost_figure(report: LostReport, scenarios: Sequence[Scenario]) -> Figure:

@@ -15,12 +15,14 @@ from lndrl.evaluation.lost import Limits, LostReport, Trace, lost_tables, summar
 from lndrl.evaluation.lost.summary import (
     BEFORE,
     FIGURES,
+    HEADING_STEPS,
     TURNED_STEPS,
     before_losses,
     cells_of,
     exposure_of,
     figures_of,
     hazards,
+    heading_before,
     loss_of,
     turned,
     typical,
@@ -91,6 +93,20 @@ def test_turning_adds_left_and_right_over_the_last_steps() -> None:
     assert found[-2] == 0.0 and found[-1] == pytest.approx(0.2)
     across = np.array([3.0, -3.0, 3.0])  # over half a turn and back
     assert turned(across)[-1] == pytest.approx(2 * (2 * math.pi - 6.0))
+
+
+def test_the_heading_is_looked_at_some_steps_before() -> None:
+    yaw = 0.1 * np.arange(10.0)
+    off = np.array([0.5, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0])
+    trace = trace_of("lost", [0.0] * 10, yaw=yaw, yaw_estimated=yaw - off)
+    found = heading_before(trace)
+    assert found[: HEADING_STEPS + 1] == pytest.approx([0.5] * (HEADING_STEPS + 1))
+    assert found[HEADING_STEPS + 1 :] == pytest.approx([0.0, 0.0, 0.2])
+    exposure = exposure_of([trace], ["room"], AT_ONCE)
+    assert exposure.heading[-1] == pytest.approx(0.2)
+    # Across half a turn it is the short way that counts.
+    round_the_back = trace_of("lost", [0.0] * 7, yaw=3.1, yaw_estimated=-3.1)
+    assert heading_before(round_the_back)[-1] == pytest.approx(2 * math.pi - 6.2)
 
 
 @given(st.lists(st.floats(-0.9, 0.9), min_size=0, max_size=40))
