@@ -44,7 +44,7 @@ _PINK = OUTCOME["lost"]
 _PLACES = "scenario"
 _TITLES = {
     "turned": "turned in 4.8 s (rad)",
-    "heading": "off 2.4 s before (rad)",
+    "heading": "heading off before (rad)",
     "echoes": "beams with an echo",
     "people": "people within 6 m",
     "step": "steps since the start",
