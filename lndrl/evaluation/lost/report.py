@@ -31,6 +31,7 @@ from lndrl.evaluation.lost.summary import (
     before_losses,
     cells_of,
     exposure_of,
+    foretold,
     hazards,
     loss_of,
     typical,
@@ -65,6 +66,11 @@ class LostReport:
     def exposure(self) -> Exposure:
         """Every control step."""
         return exposure_of(self.traces, self.scenarios, self.limits)
+
+    @cached_property
+    def foretold(self) -> float:
+        """How many losses errors of heading told of."""
+        return foretold(self.traces)
 
     @property
     def hazard(self) -> Hazard:
@@ -131,6 +137,7 @@ class LostReport:
             "definitions": self._definitions(),
             "hazard": hazard_dict(self.hazard),
             "scenarios": [self._scenario(name) for name in self.scenarios],
+            "foretold": self.foretold,
             "kinds": _shares(self.kinds),
             "limits_passed": _shares(self.limits_passed),
             "before": [

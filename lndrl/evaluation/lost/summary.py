@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lndrl.evaluation.hazard import Hazard
 from lndrl.evaluation.lost.record import Floats, Trace
+from lndrl.navigation.training.replicas import RISK_ANGLE, RISK_STEPS
 
 Kind = Literal["jump", "drift"]
 Limit = Literal["distance", "angle", "both", "delay"]
@@ -25,9 +26,9 @@ TURNED_STEPS = 12
 """Control steps over which turning is summed: 4.8 s."""
 BEFORE = 10
 """Control steps before the loss that are looked at."""
-HEADING_STEPS = 6
-"""Control steps before a moment whose error of heading it is counted by: halfway through the twelve
-for which ``lndrl.navigation.training.replicas`` takes an error of heading for a sign of loss."""
+HEADING_STEPS = RISK_STEPS // 2
+"""Control steps before a moment whose error of heading it is counted by: halfway through those for
+which such an error is taken for a sign of loss."""
 CELL = 2.0
 """m, side of the cells in which losses are counted by place."""
 
@@ -76,6 +77,16 @@ def heading_before(trace: Trace, steps: int = HEADING_STEPS) -> Floats:
     Before the start it erred as at the start.
     """
     return _angle_error(trace, 0)[np.maximum(np.arange(len(trace.moments)) - steps, 0)]
+
+
+def foretold(traces: Sequence[Trace]) -> float:
+    """How many losses the errors of heading in all control steps of ``traces`` tell of.
+
+    The same chance as ``replicas.risk`` pays for.
+    """
+    errors = [_angle_error(trace, 0)[1:] for trace in traces]
+    chance = np.minimum((np.concatenate(errors) / RISK_ANGLE) ** 3, 1.0) / RISK_STEPS
+    return float(chance.sum())
 
 
 def errors(trace: Trace) -> tuple[Floats, Floats]:

@@ -66,6 +66,7 @@ def summary_lines(report: LostReport) -> list[str]:
         f"{JUMP_SHARE * limits.distance:g} m and {JUMP_SHARE * limits.angle:.2f} rad off one "
         "control step before",
         f"limits passed ({limits.distance:g} m, {limits.angle:.2f} rad): {passed}",
+        f"errors of heading told of {report.foretold:.1f} losses; {len(report.losses)} came",
     ]
 
 

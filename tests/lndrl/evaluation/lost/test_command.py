@@ -27,7 +27,7 @@ methods: {told: {planner: random, localization: perfect}}
 TRY = ["--bench", "slippery.yaml", "--episodes", "9", "--workers", "0"]
 KEYS = {
     "planner", "world", "program_version", "seed", "episodes", "definitions", "hazard",
-    "scenarios", "kinds", "limits_passed", "before", "not_lost", "hazard_by", "losses",
+    "scenarios", "foretold", "kinds", "limits_passed", "before", "not_lost", "hazard_by", "losses",
 }  # fmt: skip
 
 

@@ -21,6 +21,7 @@ from lndrl.evaluation.lost.summary import (
     cells_of,
     exposure_of,
     figures_of,
+    foretold,
     hazards,
     heading_before,
     loss_of,
@@ -28,6 +29,7 @@ from lndrl.evaluation.lost.summary import (
     typical,
     usual_figures,
 )
+from lndrl.navigation.training.replicas import heading_risk
 from tests.lndrl.evaluation.lost.traces import trace_of
 
 AT_ONCE = Limits(2.0, math.pi / 4)
@@ -107,6 +109,16 @@ def test_the_heading_is_looked_at_some_steps_before() -> None:
     # Across half a turn it is the short way that counts.
     round_the_back = trace_of("lost", [0.0] * 7, yaw=3.1, yaw_estimated=-3.1)
     assert heading_before(round_the_back)[-1] == pytest.approx(2 * math.pi - 6.2)
+
+
+def test_headings_tell_of_losses_as_a_training_pays_for_them() -> None:
+    off = np.array([9.0, 0.0, 0.115, -0.115, 1.0])  # the start was nobody's doing
+    trace = trace_of("lost", [0.0] * 5, yaw=1.0, yaw_estimated=1.0 - off)
+    pose = np.zeros(3)
+    paid = [heading_risk(pose, np.array([0.0, 0.0, error])) for error in off[1:]]
+    assert paid == pytest.approx([0.0, 1 / 96, 1 / 96, 1 / 12])
+    assert foretold([trace, trace]) == pytest.approx(2.0 * sum(paid))
+    assert report_of([trace]).to_dict()["foretold"] == pytest.approx(sum(paid))
 
 
 @given(st.lists(st.floats(-0.9, 0.9), min_size=0, max_size=40))
