@@ -10,7 +10,6 @@ from numba.core.dispatcher import Dispatcher
 
 from lndrl.kernels.store import KernelCache
 
-
 _STATED: dict[str, Any] = {
     "_nrt": True,
     "error_model": "numpy",
