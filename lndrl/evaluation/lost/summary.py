@@ -82,7 +82,7 @@ def heading_before(trace: Trace, steps: int = HEADING_STEPS) -> Floats:
 def foretold(traces: Sequence[Trace]) -> float:
     """How many losses the errors of heading in all control steps of ``traces`` tell of.
 
-    The same chance as ``replicas.risk`` pays for.
+    The chance that ``replicas.risk`` pays for: ``heading_risk``, of arrays.
     """
     errors = [_angle_error(trace, 0)[1:] for trace in traces]
     chance = np.minimum((np.concatenate(errors) / RISK_ANGLE) ** 3, 1.0) / RISK_STEPS
