@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lndrl.evaluation.lost import COLUMNS, Trace
 
@@ -15,7 +16,7 @@ def trace_of(
     turn: float = 0.0,
     scenario: str = "room",
     episode: int = 0,
-    **columns: Sequence[float] | float,
+    **columns: ArrayLike,
 ) -> Trace:
     """A robot that drives along x, half a metre a step, and believes to be ``off`` m beside it.
 

@@ -114,8 +114,8 @@ def test_one_that_is_lost_takes_up_the_belief_of_the_robot() -> None:
 def test_the_chance_of_getting_lost_is_paid_as_headings_tell_it(count: int) -> None:
     price = -3600.0
     unpaid = VectorNavigation(made_config(task={"reward": {"lost": 0.0}}), 0, 2)
-    settings = {"replicas": {"count": count, "risk": price}, "task": {"reward": {"lost": 0.0}}}
-    vector = VectorNavigation(made_config(**settings), 0, 2)
+    paying = made_config(replicas={"count": count, "risk": price}, task={"reward": {"lost": 0.0}})
+    vector = VectorNavigation(paying, 0, 2)
     batch, seen = vector.worlds[0].batch, 0
     for _ in range(60):
         (own,), (paid,) = circling(unpaid, 1), circling(vector, 1)
