@@ -5,116 +5,18 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from collections.abc import Callable, Iterator
 
-import numpy as np
 import pytest
 
-from lndrl.config import TransportConfig
 from lndrl.errors import UserError
 from lndrl.transport import (
     NO_WEIGHTS,
     UNKNOWN_ACTOR,
     Ack,
     ChunkHeader,
-    Hello,
-    MemoryNetwork,
-    MessageError,
-    Refusal,
     WeightsGoneError,
-    Welcome,
-    free_endpoint,
-    open_actor,
-    open_learner,
-    open_viewer,
 )
-from lndrl.transport.frames import encode_frame
-from tests.lndrl.transport.test_frames import arrays, frame
-
-PATIENCE = 60.0  # s, for machines with much else to do
-HELLO = Hello("actor-0", "first", "here", 1, 8, "0.1")
-
-
-class RecordingHandlers:
-    """Welcomes everybody but ``banned``; keeps what arrives; acks by ``answer``."""
-
-    def __init__(self) -> None:
-        self.hellos: list[Hello] = []
-        self.chunks: list[tuple[ChunkHeader, dict, int]] = []
-        self.members: list[tuple[str, str, bool]] = []
-        self.answer: Callable[[ChunkHeader], Ack] = lambda header: Ack("accepted")
-
-    def on_hello(self, hello: Hello) -> Welcome | Refusal:
-        self.hellos.append(hello)
-        if hello.actor_id == "banned":
-            return Refusal("banned actors may not join")
-        return Welcome("run-1", {"seed": 7, "nested": {"a": [1, 2]}}, len(self.hellos) - 1)
-
-    def on_chunk(self, header: ChunkHeader, arrays: dict, size: int) -> Ack:
-        self.chunks.append((header, arrays, size))
-        return self.answer(header)
-
-    def on_malformed(self, reason: str) -> None:
-        pass
-
-    def on_member(self, actor_id: str, incarnation: str, alive: bool) -> None:
-        self.members.append((actor_id, incarnation, alive))
-
-    def sequences(self) -> list[int]:
-        return [header.sequence for header, _, _ in self.chunks]
-
-
-class Setup:
-    """Makes endpoints of one kind and closes them all."""
-
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
-        self.config = TransportConfig(
-            endpoint=free_endpoint(), upload_timeout=20.0, upload_window=2, lease=10.0
-        )
-        self.network = MemoryNetwork(self.config)
-        self.open: list = []
-
-    def learner(self, handlers: RecordingHandlers):
-        memory = self.kind == "memory"
-        endpoint = self.network.learner("run-1") if memory else open_learner(self.config, "run-1")
-        self.open.append(endpoint)
-        endpoint.start(handlers)
-        return endpoint
-
-    def actor(self):
-        memory = self.kind == "memory"
-        self.open.append(
-            self.network.actor() if memory else open_actor(self.config.endpoint, self.config)
-        )
-        return self.open[-1]
-
-    def viewer(self):
-        memory = self.kind == "memory"
-        self.open.append(self.network.viewer() if memory else open_viewer(self.config.endpoint))
-        return self.open[-1]
-
-
-@pytest.fixture(params=["memory", "zenoh"])
-def setup(request) -> Iterator[Setup]:
-    made = Setup(request.param)
-    yield made
-    for endpoint in reversed(made.open):
-        endpoint.close()
-
-
-def chunk(sequence: int, fill: int = 0) -> tuple[ChunkHeader, dict]:
-    header = ChunkHeader("run-1", "actor-0", "first", sequence, 64, 8, [{"outcome": "lost"}])
-    return header, {"scan": np.full((4, 720), fill, np.uint16), "reward": np.ones(4, np.float32)}
-
-
-def eventually(condition: Callable[[], bool], seconds: float = PATIENCE) -> bool:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(0.01)
-    return True
+from tests.lndrl.transport.setups import HELLO, PATIENCE, RecordingHandlers, chunk, eventually
 
 
 def test_hello_is_welcomed_with_config_and_incarnation(setup):
@@ -318,45 +220,6 @@ def test_finish_reaches_idle_actors(setup):
     assert [ack.done for ack in actor.acks()] == [True]
 
 
-def test_members_come_and_go(setup):
-    setup.learner(handlers := RecordingHandlers())
-    actor = setup.actor()
-    actor.hello(HELLO, timeout=PATIENCE)
-    assert eventually(lambda: ("actor-0", "first", True) in handlers.members)
-    actor.close()
-    assert eventually(lambda: handlers.members[-1] == ("actor-0", "first", False))
-
-
-def test_viewers_query_and_stream(setup):
-    learner = setup.learner(RecordingHandlers())
-    viewer = setup.viewer()
-    with pytest.raises(UserError):
-        viewer.status(timeout=0.3)
-    learner.publish_status(
-        {"steps": np.int64(1), "kl": float("nan"), "lag": np.float32("inf")}, [{"rate": 2.5}]
-    )
-    assert viewer.status(timeout=PATIENCE) == {
-        "snapshot": {"steps": 1, "kl": None, "lag": None},
-        "history": [{"rate": 2.5}],
-    }
-    seen = []
-
-    def watch() -> None:
-        seen.extend(viewer.stream(silence=0.2))
-
-    thread = threading.Thread(target=watch)
-    thread.start()
-    assert eventually(lambda: None in seen)
-    deadline = time.monotonic() + PATIENCE
-    while {"steps": 2} not in seen and time.monotonic() < deadline:
-        learner.publish_status({"steps": 2}, [])
-        time.sleep(0.05)
-    assert {"steps": 2} in seen
-    viewer.close()
-    thread.join(PATIENCE)
-    assert not thread.is_alive()
-
-
 def test_a_restarted_learner_gets_what_was_pending(setup):
     old = setup.learner(RecordingHandlers())
     actor = setup.actor()
@@ -414,53 +277,3 @@ def test_closing_twice_and_uploading_afterwards(setup):
     actor.close()
     with pytest.raises(RuntimeError, match="closed"):
         actor.upload(*chunk(1))
-
-
-def test_a_world_is_shown_while_somebody_watches(setup):
-    setup.learner(RecordingHandlers())
-    actors = [setup.actor() for _ in range(2)]
-    for i, actor in enumerate(actors):
-        actor.hello(dataclasses.replace(HELLO, actor_id=f"actor-{i}"), timeout=PATIENCE)
-    shown, other = actors
-    assert not shown.watched(), "nobody asked"
-    viewers = [setup.viewer() for _ in range(2)]
-    seats = [viewer.watch("actor-0") for viewer in viewers]
-    assert eventually(shown.watched)
-    assert not other.watched(), "somebody else was asked"
-    seen: list[list[int]] = [[], []]
-
-    def both() -> bool:
-        shown.show(encode_frame(frame(sequence=len(seen[0]) + len(seen[1])), arrays()))
-        for seat, numbers in zip(seats, seen, strict=True):
-            if (found := seat.newest()) is not None:
-                numbers.append(found[0].sequence)
-        return all(len(numbers) >= 2 for numbers in seen)
-
-    assert eventually(both)
-    seats[0].close()
-    assert not eventually(lambda: not shown.watched(), 0.3), "the other one still watches"
-    viewers[1].close()  # as when a terminal is closed
-    if setup.kind == "memory":
-        seats[1].close()
-    assert eventually(lambda: not shown.watched())
-    shown.show(b"to nobody, and nothing is raised")
-    seats[0].close()
-
-
-def test_what_is_no_frame_is_said(setup):
-    setup.learner(RecordingHandlers())
-    actor, viewer = setup.actor(), setup.viewer()
-    actor.hello(HELLO, timeout=PATIENCE)
-    seat = viewer.watch("actor-0")
-    assert eventually(actor.watched)
-    actor.show(b"what another version says")
-
-    def refused() -> bool:
-        try:
-            return seat.newest() is not None
-        except (UserError, MessageError) as error:
-            assert "magic" in str(error)
-            return True
-
-    assert eventually(refused)
-    seat.close()
