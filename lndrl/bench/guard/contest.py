@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -9,6 +11,7 @@ import numpy as np
 
 from lndrl.planners.guard import GuardConfig
 from lndrl.robot.adversaries import Adversity, Arena
+from lndrl.view.progress import progress_bar
 
 CASES: dict[str, Adversity] = {
     "at once": Adversity(),
@@ -35,9 +38,14 @@ def measure(seconds: float) -> dict[str, Any]:
 
 
 def run(steps: int = STEPS) -> dict[str, Any]:
-    """``measure`` with ``steps`` control steps in all, however long they take."""
+    """``measure`` with ``steps`` control steps in all, however long they take, told as they go."""
     share = -(-steps // len(CASES))
-    return _figures({name: _contest(made, None, share) for name, made in CASES.items()})
+    with progress_bar(share * len(CASES), "guard", "steps") as advance:
+        tallies = {
+            name: _contest(made, None, share, partial(advance, note=name))
+            for name, made in CASES.items()
+        }
+    return _figures(tallies)
 
 
 def _figures(tallies: dict[str, dict[str, Any]]) -> dict[str, Any]:
@@ -46,8 +54,16 @@ def _figures(tallies: dict[str, dict[str, Any]]) -> dict[str, Any]:
     return {"steps": total, "touched what was seen": touched, **tallies}
 
 
-def _contest(made: Adversity, seconds: float | None, steps: int | None) -> dict[str, Any]:
-    """Arenas of ``_CHUNK`` steps, each from a seed of its own, until the time or steps are over."""
+def _contest(
+    made: Adversity,
+    seconds: float | None,
+    steps: int | None,
+    told: Callable[[int], None] = lambda count: None,
+) -> dict[str, Any]:
+    """Arenas of ``_CHUNK`` steps, each from a seed of its own, until the time or steps are over.
+
+    ``told`` hears of so many steps more.
+    """
     parameters = GuardConfig(delay=made.latency * made.tick)
     sums: dict[str, Any] = {}
     started, seed = perf_counter(), 0
@@ -59,6 +75,7 @@ def _contest(made: Adversity, seconds: float | None, steps: int | None) -> dict[
         for name, value in arena.tally.to_dict().items():
             sums[name] = sums.get(name, 0) + value
         seed += 1
+        told(count)
         elapsed = perf_counter() - started
         over = elapsed >= seconds if seconds is not None else sums["steps"] >= (steps or 0)
         if over:

@@ -26,6 +26,7 @@ from lndrl.robot.driving.assembly import DriveOptions, drive_config, make_pilot,
 from lndrl.robot.link import Address, Link, open_link
 from lndrl.robot.messages import Velocity
 from lndrl.transport.zenoh.session import free_endpoint
+from lndrl.view.progress import Advance, progress_bar
 
 POLICY, SCENARIO = "shipped", "hall"
 _STARTS_WITHIN = 300.0
@@ -63,16 +64,20 @@ def compare(episodes: int, seed: int = 0) -> dict[str, Any]:
     """The same policy in the same ``episodes``, driven through the stand-in and by ``evaluate``.
 
     Rates of each, and the paired 95 % interval of the difference (driven less evaluated), for
-    arriving and for colliding. Both hear the pose at once. Raises UserError where the stand-in
-    ends early.
+    arriving and for colliding. Both hear the pose at once. Says how far it is. Raises UserError
+    where the stand-in ends early.
     """
     source, config = _driven()
     config = config.model_copy(update={"seed": seed})
     pilot = make_pilot(source, config, DriveOptions())
     began = time.monotonic()
-    driven = _rehearsed(pilot, episodes, seed)
+    with progress_bar(episodes, "driven", "episodes") as advance:
+        driven = _rehearsed(pilot, episodes, seed, advance)
     took = time.monotonic() - began
-    evaluated = evaluate(source, config, episodes, seed, workers=0).records
+    with progress_bar(episodes, "evaluated", "episodes") as advance:
+        evaluated = evaluate(
+            source, config, episodes, seed, workers=0, progress=lambda record: advance()
+        ).records
     by_episode = {each["episode"]: each["outcome"] for each in driven}
     found: dict[str, Any] = {"episodes": len(driven), "seconds_per_episode": took / episodes}
     for outcome in ("arrived", "collided", "lost", "timeout"):
@@ -195,8 +200,8 @@ def _watch_stops(service: DriveService, found: list[float]) -> None:
     driver.send = note
 
 
-def _rehearsed(pilot: Pilot, episodes: int, seed: int) -> list[dict[str, Any]]:
-    """The episodes as the stand-in judges them."""
+def _rehearsed(pilot: Pilot, episodes: int, seed: int, advance: Advance) -> list[dict[str, Any]]:
+    """The episodes as the stand-in judges them; ``advance`` hears of each."""
     options = ("--fast", "--json", "--episodes", str(episodes), "--seed", str(seed))
     records: list[dict[str, Any]] = []
     with _stand_in(*options) as (link, process):
@@ -208,6 +213,7 @@ def _rehearsed(pilot: Pilot, episodes: int, seed: int) -> list[dict[str, Any]]:
             for line in process.stdout:
                 records.append(json.loads(line))
                 last[0] = time.monotonic()
+                advance()
             over.set()
 
         threading.Thread(target=read, name="lndrl-records", daemon=True).start()

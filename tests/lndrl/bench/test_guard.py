@@ -21,6 +21,8 @@ def test_steps_are_shared_by_the_cases() -> None:
 def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     steps = 2 * len(guard.CASES)
     assert run(["bench", "guard", "--steps", str(steps), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["steps"] == steps
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["steps"] == steps
+    assert f"guard: {steps} of {steps} steps" in printed.err
     assert run(["bench", "laser", "--steps", "8"]) == 2
     assert "--steps goes with guard, not with laser" in capsys.readouterr().err

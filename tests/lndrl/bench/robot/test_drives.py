@@ -30,14 +30,16 @@ def pilot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pilot:
 
 
 def test_a_rehearsal_is_judged_episode_by_episode(pilot: Pilot) -> None:
-    records = drives._rehearsed(pilot, 2, seed=0)
+    ended: list[int] = []
+    records = drives._rehearsed(pilot, 2, seed=0, advance=lambda: ended.append(1))
+    assert len(ended) == 2
     assert [each["episode"] for each in records] == [0, 1]
     assert {each["outcome"] for each in records} <= {"arrived", "collided", "lost", "timeout"}
     assert all(each["time"] > 1.0 for each in records)
 
 
 def test_the_comparison_pairs_the_same_episodes(
-    pilot: Pilot, monkeypatch: pytest.MonkeyPatch
+    pilot: Pilot, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ends = ["arrived"] * 70 + ["collided"] * 10 + ["timeout"] * 20
     driven = [{"episode": k, "outcome": end} for k, end in enumerate(ends)]
@@ -53,6 +55,8 @@ def test_the_comparison_pairs_the_same_episodes(
     assert arrived["interval_low"] < -0.02 < arrived["interval_high"]
     assert arrived["interval_high"] - arrived["interval_low"] < 0.12, "paired, so narrow"
     assert found["collided"]["difference"] == pytest.approx(0.1)
+    said = capsys.readouterr()
+    assert not said.out and "driven: 100 episodes" in said.err and "evaluated: 100" in said.err
 
 
 def test_it_is_the_shipped_policy_with_a_pose_that_is_heard_at_once() -> None:
