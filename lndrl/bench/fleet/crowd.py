@@ -65,7 +65,7 @@ class Crowd:
         self._counts = 0.0, 0.0
         self._period, self._patience = period, config.transport.upload_timeout
         self._book: list[dict[str, Any]] = []
-        self._notes: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self._notes: queue.Queue[tuple[Any, ...]] = queue.Queue()
         self._later: list[tuple[float, int, int]] = []  # when, actor, sequence: to be sent again
         self._sending = False
         self.actors = [

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Queue
 from typing import Any
 
 import zenoh
@@ -100,7 +100,9 @@ class Link:
         self, session: ZenohSession, dialect: Dialect, store: MessageStore, node: str, seen: Tokens
     ) -> None:
         self.dialect, self.store = dialect, store
-        self.inbox: SimpleQueue[Any] = SimpleQueue()
+        # No SimpleQueue: CPython's waits for ever where a signal's handler outlives its timeout, so
+        # Ctrl-C would be heard and not obeyed while the link is silent.
+        self.inbox: Queue[Any] = Queue()
         self.dropped = 0
         self._session, self._seen = session, seen
         self.party = Party(str(session.zenoh.info.zid()), node)

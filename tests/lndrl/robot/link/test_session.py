@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import threading
 import time
 from collections.abc import Callable
+from queue import Empty
 from typing import Any
 
 import numpy as np
@@ -146,3 +148,20 @@ def test_nobody_there_is_a_sentence() -> None:
         open_link(Address(free_endpoint(), "dds"), "drive")
     with pytest.raises(UserError, match="open to other machines and not protected"):
         open_link(Address("tcp/0.0.0.0:7447", "rmw", listen=True), "robot")
+
+
+def test_a_wait_ends_though_a_signal_took_longer_than_it() -> None:
+    def slow(*_: object) -> None:
+        time.sleep(0.4)
+
+    with open_link(Address(free_endpoint(), "rmw", "jazzy", listen=True), "robot") as robot:
+        before = signal.signal(signal.SIGALRM, slow)
+        waker = threading.Timer(5.0, robot.inbox.put, ("nobody else ends this wait",))
+        waker.start()
+        try:
+            signal.setitimer(signal.ITIMER_REAL, 0.1)
+            with pytest.raises(Empty):
+                robot.inbox.get(timeout=0.2)
+        finally:
+            signal.signal(signal.SIGALRM, before)
+            waker.cancel()
