@@ -65,6 +65,7 @@ class Crowd:
         self._counts = 0.0, 0.0
         self._period, self._patience = period, config.transport.upload_timeout
         self._book: list[dict[str, Any]] = []
+        # No SimpleQueue, as in lndrl/robot/link/session.py: it may outwait Ctrl-C.
         self._notes: queue.Queue[tuple[Any, ...]] = queue.Queue()
         self._later: list[tuple[float, int, int]] = []  # when, actor, sequence: to be sent again
         self._sending = False

@@ -100,8 +100,8 @@ class Link:
         self, session: ZenohSession, dialect: Dialect, store: MessageStore, node: str, seen: Tokens
     ) -> None:
         self.dialect, self.store = dialect, store
-        # No SimpleQueue: CPython's waits for ever where a signal's handler outlives its timeout, so
-        # Ctrl-C would be heard and not obeyed while the link is silent.
+        # No SimpleQueue: that of CPython 3.11.7 waits for ever where a signal's handler outlives its
+        # timeout, so Ctrl-C would be heard and not obeyed while the link is silent.
         self.inbox: Queue[Any] = Queue()
         self.dropped = 0
         self._session, self._seen = session, seen
