@@ -100,7 +100,7 @@ class Link:
         self, session: ZenohSession, dialect: Dialect, store: MessageStore, node: str, seen: Tokens
     ) -> None:
         self.dialect, self.store = dialect, store
-        # No SimpleQueue: that of CPython 3.11.7 waits for ever where a signal's handler outlives its
+        # No SimpleQueue: in CPython 3.11.7 it waits for ever where a signal's handler outlives the
         # timeout, so Ctrl-C would be heard and not obeyed while the link is silent.
         self.inbox: Queue[Any] = Queue()
         self.dropped = 0
