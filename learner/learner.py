@@ -48,6 +48,7 @@ from lndrl.errors import UserError
 from lndrl.machine.load import Load
 from lndrl.numbering import checkpoint_name
 from lndrl.policy import to_bytes
+from lndrl.policy.device import machine_with
 from lndrl.transport import LearnerEndpoint
 from lndrl.transport.status import LEARNER_ACTIVITIES
 
@@ -237,6 +238,7 @@ class Learner:
     def _announce(self, where: str) -> None:
         """Say what begins ``where``, and what whoever runs it should know."""
         self.events.add("start", f"run {self.folder.run_id} {where}")
+        self.events.add("machine", machine_with(self.ppo.device))
         for note in self.config.scenario.map_notes:
             self.events.add("map", note)
         if self.folder.unlocked:

@@ -89,9 +89,14 @@ def read_curve(path: Path) -> list[dict[str, Any]]:
     """The rows of validation in a ``metrics.jsonl``, oldest first; damaged ones are left out."""
     try:
         with path.open("rb") as file:
-            found = [_row_in(line) for line in file if b'"validation"' in line]
+            return curve_in(file)
     except OSError:
         return []  # the recorder has said so
+
+
+def curve_in(lines: Iterable[bytes]) -> list[dict[str, Any]]:
+    """The rows of validation among the ``lines`` of a ``metrics.jsonl``, see ``read_curve``."""
+    found = [_row_in(line) for line in lines if b'"validation"' in line]
     return [row for row in found if row is not None]
 
 

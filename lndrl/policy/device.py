@@ -5,6 +5,14 @@ from __future__ import annotations
 import torch
 
 from lndrl.errors import UserError
+from lndrl.machine.cores import usable_cores
+from lndrl.machine.processor import described
+
+
+def machine_with(device: torch.device) -> str:
+    """This machine as it works on ``device``: processor, cores, and the GPU if it is one."""
+    here = described(usable_cores())
+    return here if device.type == "cpu" else f"{here}, {torch.cuda.get_device_name(device)}"
 
 
 def resolve_device(name: str) -> torch.device:

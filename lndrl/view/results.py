@@ -80,8 +80,30 @@ def goal_rows(results: Results) -> tuple[Row, list[Row]]:
     return ("goal", "seen", "verdict"), rows
 
 
-def captions(results: Results) -> tuple[str, str, str, str]:
-    """A sentence or two above each of the four tables."""
+def training_rows(results: Results) -> tuple[Row, list[Row]]:
+    """Head and rows: how the policies were trained that were tested."""
+    rows: list[Row] = []
+    for training, methods in results.trainings:
+        counts = training.validated
+        arrived = MISSING
+        if counts is not None:
+            arrived = f"{counts['arrived'] / counts['episodes']:.3f} of {counts['episodes']:,}"
+        rows.append(
+            (
+                ", ".join(methods),
+                str(training.seed),
+                f"{training.steps:,}",
+                f"{training.seconds / 60:.0f}",
+                f"{training.tested:,}",
+                arrived,
+                training.machine or MISSING,
+            )
+        )
+    return ("rows", "seed", "steps", "minutes", "tested: of step", "validated", "machine"), rows
+
+
+def captions(results: Results) -> tuple[str, str, str, str, str]:
+    """A sentence or two above each of the five tables."""
     identity, name = results.identity, results.reference.method
     return (
         f"Version {identity.bench_version} of the bench, seed {identity.seed}, all scenarios "
@@ -90,6 +112,8 @@ def captions(results: Results) -> tuple[str, str, str, str]:
         f"{name} less each other row over the same episodes: points with paired 95 % intervals, "
         f"exact McNemar p, and in how many episodes only {name} : only the other ended so.",
         f"Goals for {results.judged}.",
+        "How the policies were trained; validated: how many arrived, in the training's own place, "
+        "when the tested version was.",
     )
 
 
@@ -100,6 +124,7 @@ def results_tables(results: Results) -> list[Table]:
         scenario_rows(results),
         paired_rows(results, "\n"),
         goal_rows(results),
+        training_rows(results),
     )
     tables = []
     for title, (head, rows) in zip(captions(results), pages, strict=True):
@@ -107,7 +132,8 @@ def results_tables(results: Results) -> list[Table]:
             continue
         table = Table(title=title, title_justify="left")
         for i, name in enumerate(head):
-            table.add_column(Text(name), justify="left" if i == 0 or head[0] == "goal" else "right")
+            words = i == 0 or head[0] == "goal" or name == "machine"
+            table.add_column(Text(name), justify="left" if words else "right")
         for row in rows:
             style = "dim" if row[0] == "  published" else None
             table.add_row(*(Text(cell, _STYLE.get(cell, "")) for cell in row), style=style)
@@ -116,12 +142,13 @@ def results_tables(results: Results) -> list[Table]:
 
 
 def results_markdown(results: Results) -> str:
-    """The four tables with their captions, and what is not there, as Markdown."""
+    """The five tables with their captions, and what is not there, as Markdown."""
     pages = (
         metric_rows(results),
         scenario_rows(results),
         paired_rows(results),
         goal_rows(results),
+        training_rows(results),
     )
     parts = []
     for caption, (head, rows) in zip(captions(results), pages, strict=True):

@@ -10,7 +10,14 @@ from lndrl.evaluation.benchmark.calibration import (
     targets,
 )
 from lndrl.evaluation.benchmark.figures import Paired, Row, mcnemar, rows_of, summary_of
-from lndrl.evaluation.benchmark.handing import SHIPPED, check_bench, pack, shipped_results
+from lndrl.evaluation.benchmark.handing import (
+    SHIPPED,
+    check_bench,
+    pack,
+    pack_trainings,
+    shipped_results,
+    trainings_of,
+)
 from lndrl.evaluation.benchmark.paper import EPISODES, PAPER
 from lndrl.evaluation.benchmark.replay import (
     Drive,
@@ -32,7 +39,13 @@ from lndrl.evaluation.benchmark.spec import (
 )
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.table import benchmark_table
-from lndrl.evaluation.benchmark.training import MethodRun, MethodsFolder, method_runs
+from lndrl.evaluation.benchmark.trainings import (
+    MethodRun,
+    MethodsFolder,
+    Training,
+    kept_trainings,
+    method_runs,
+)
 from lndrl.evaluation.benchmark.worst import (
     Recorded,
     badness,
@@ -66,6 +79,7 @@ __all__ = [
     "Replay",
     "ResultsFolder",
     "Row",
+    "Training",
     "badness",
     "bench_config",
     "bench_hash",
@@ -80,15 +94,18 @@ __all__ = [
     "contenders_named",
     "difference",
     "drive_again",
+    "kept_trainings",
     "load_benchmark",
     "load_calibration",
     "mcnemar",
     "method_runs",
     "pack",
+    "pack_trainings",
     "rows_of",
     "shipped_results",
     "summary_of",
     "targets",
+    "trainings_of",
     "contender_tested",
     "worst_episodes",
 ]

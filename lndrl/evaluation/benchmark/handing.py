@@ -10,6 +10,13 @@ from lndrl.config import REPOSITORY_CONFIGS
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, check_frozen
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
+from lndrl.evaluation.benchmark.trainings import (
+    RUNS,
+    Training,
+    kept_trainings,
+    training_of,
+    write_training,
+)
 
 SHIPPED = REPOSITORY_CONFIGS.parent / "docs" / "results"
 """Where a checkout has results of the frozen bench, ``v1``, ``v2`` by version; a wheel has none."""
@@ -80,3 +87,35 @@ def pack(
     for (name, place), records in found.items():
         packed.pack(name, place, records.values())
     return [packed.packed(name, place) for name, place in found]
+
+
+def trainings_of(folder: ResultsFolder, runs: Path = Path()) -> dict[str, Training | None]:
+    """How the learned methods of ``folder`` were trained, by method; rules are not among them.
+
+    Of a method's run folder (below ``runs``, as methods name them) where the policy that was tested
+    is still in it, else of what ``folder`` keeps, else None: nothing is left but its episodes.
+    """
+    kept = {(each.run, each.policy): each for each in kept_trainings(folder.path)}
+    found: dict[str, Training | None] = {}
+    for name, method in Identity.read(folder.path / IDENTITY).methods.items():
+        run = Path(method.get("planner", ""))
+        if run.parent == Path(RUNS):
+            policy = method["identity"].partition(" ")[0]
+            known = kept.get((run.name, policy)) or training_of(runs / run, policy)
+            if known is not None:
+                kept[run.name, policy] = known
+            found[name] = known
+    return found
+
+
+def pack_trainings(
+    folder: ResultsFolder, target: Path, methods: Sequence[str] | None = None
+) -> tuple[list[Path], list[str]]:
+    """Write how the learned ``methods`` of ``folder`` were trained to ``target``, a file per run.
+
+    By default all. Returns the files, and the methods of which nothing is known any more.
+    """
+    found = {n: t for n, t in trainings_of(folder).items() if methods is None or n in methods}
+    runs = {training.run: training for training in found.values() if training is not None}
+    unknown = [name for name, training in found.items() if training not in runs.values()]
+    return [write_training(target, training) for training in runs.values()], unknown

@@ -64,7 +64,7 @@ class Identity:
 
     def write(self, path: Path) -> None:
         """Raises UserError where the disk refuses."""
-        _replace(path, json.dumps(vars(self), indent=1) + "\n")
+        write_whole(path, json.dumps(vars(self), indent=1) + "\n")
 
     def check(self, folder: Path, wanted: Identity) -> None:
         """Raises UserError unless results of ``wanted`` may stand beside those in ``folder``."""
@@ -158,7 +158,7 @@ class ResultsFolder:
 
     def keep(self, method: str, scenario: str, records: Iterable[EpisodeRecord]) -> None:
         """Begin the file again with ``records`` only, in order of their episodes."""
-        _replace(self.file(method, scenario), _whole(records))
+        write_whole(self.file(method, scenario), _whole(records))
 
     def add(self, method: str, scenario: str, *records: EpisodeRecord) -> None:
         """Append episodes, all at once."""
@@ -168,11 +168,11 @@ class ResultsFolder:
     def pack(self, method: str, scenario: str, records: Iterable[EpisodeRecord]) -> None:
         """Write ``records`` compressed, in order of their episodes: same episodes, same bytes."""
         packed = lzma.compress(_whole(records).encode(), preset=9 | lzma.PRESET_EXTREME)
-        _replace(self.packed(method, scenario), packed)
+        write_whole(self.packed(method, scenario), packed)
 
     def write_summary(self, summary: dict[str, Any]) -> None:
         """Write ``summary.json`` whole or not at all."""
-        _replace(self.path / SUMMARY, json.dumps(summary, indent=1) + "\n")
+        write_whole(self.path / SUMMARY, json.dumps(summary, indent=1) + "\n")
 
 
 def _row(record: EpisodeRecord) -> list[Any]:
@@ -215,7 +215,8 @@ def _unpacked(path: Path) -> bytes:
         raise ValueError(str(error)) from None
 
 
-def _replace(path: Path, content: str | bytes) -> None:
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write ``content`` to ``path`` whole or not at all; raises UserError where it cannot be."""
     temporary = path.with_suffix(path.suffix + ".partial")
     try:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.view.palette import OUTCOME_WORD
+from lndrl.view.pictures.many_curves import Curves, many_figure
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,
@@ -23,7 +24,15 @@ from lndrl.view.report.parts import (
     Tone,
 )
 from lndrl.view.report.rates import Share, rates_figure
-from lndrl.view.results import VERDICT, captions, goal_rows, metric_rows, paired_rows, scenario_rows
+from lndrl.view.results import (
+    VERDICT,
+    captions,
+    goal_rows,
+    metric_rows,
+    paired_rows,
+    scenario_rows,
+    training_rows,
+)
 from lndrl.view.text import percent
 
 if TYPE_CHECKING:
@@ -47,7 +56,7 @@ _VERDICT_TONE: dict[str, Tone] = {
 
 def results_sections(results: Results) -> list[Section]:
     """Everything that ``lndrl results`` says, chapter by chapter."""
-    whole, places, pairs, goals = captions(results)
+    whole, places, pairs, goals, _ = captions(results)
     head, rows = metric_rows(results, "\n")
     published = frozenset(i for i, row in enumerate(rows) if row[0] == _PUBLISHED)
     named = [(_name(rows, i), *row[1:]) for i, row in enumerate(rows)]
@@ -68,7 +77,19 @@ def results_sections(results: Results) -> list[Section]:
         sections.append(Section("pairs", "Paired differences", [table]))
     head, rows = goal_rows(results)
     table = Table(goals, head, rows, words=frozenset({0, 1, 2}), tones=_VERDICT_TONE)
-    return [*sections, Section("goals", "Goals", [table])]
+    return [*sections, Section("goals", "Goals", [table]), *_trainings(results)]
+
+
+def _trainings(results: Results) -> list[Section]:
+    """How the rows learned, as curves and as a table; nothing where that is not on record."""
+    head, rows = training_rows(results)
+    if not rows:
+        return []
+    curves = [Curves(names[0], t.rows, t.curve) for t, names in results.trainings]
+    figure = many_figure(curves)
+    picture = chart("learning", figure, "arrived, collided and lost over steps", "As they learned.")
+    table = Table(captions(results)[-1], head, rows, words=frozenset({0, 6}))
+    return [Section("trainings", "How the rows were trained", [picture, table])]
 
 
 def identity_section(results: Results) -> Section:

@@ -14,6 +14,7 @@ from lndrl.cli.notes import say_origins
 from lndrl.cli.options import BenchName, TrustModules, names_in, trust
 from lndrl.errors import UserError
 from lndrl.machine.cores import usable_cores
+from lndrl.wording import counted
 
 if TYPE_CHECKING:
     from lndrl.evaluation.benchmark import BenchmarkSpec, Plan, ResultsFolder
@@ -147,12 +148,22 @@ def _pack(
     methods: list[str] | None,
     scenarios: list[str] | None,
 ) -> None:
-    from lndrl.evaluation.benchmark import check_bench, pack
+    from lndrl.evaluation.benchmark import check_bench, pack, pack_trainings
 
     check_bench(bench, folder)
     files = pack(folder, target, episodes, methods, scenarios)
-    size = sum(file.stat().st_size for file in files)
-    typer.echo(f"{target}: {len(files)} files of {episodes:,} episodes each, {size / 1e6:.2f} MB")
+    told = f"{len(files)} files of {episodes:,} episodes each"
+    trained, unknown = pack_trainings(folder, target, methods)
+    if trained:
+        told += f", how {counted(len(trained), 'policy', 'policies')} had been trained"
+    size = sum(file.stat().st_size for file in files + trained)
+    typer.echo(f"{target}: {told}, {size / 1e6:.2f} MB")
+    if unknown:
+        typer.echo(
+            f"the policies tested as {', '.join(unknown)} are in no run folder here any more: how "
+            "they were trained is not packed",
+            err=True,
+        )
 
 
 def _summarize(plan: Plan) -> None:

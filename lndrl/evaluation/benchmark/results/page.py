@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.figures import OURS, Row, rows_of
-from lndrl.evaluation.benchmark.handing import check_bench
+from lndrl.evaluation.benchmark.handing import check_bench, trainings_of
 from lndrl.evaluation.benchmark.paper import EPISODES, PAPER
 from lndrl.evaluation.benchmark.results.goals import Verdict, verdicts
 from lndrl.evaluation.benchmark.results.paired import Difference
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
+from lndrl.evaluation.benchmark.trainings import Training
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Results:
 
     ``missing`` are the rows of the bench without an episode there. All others are compared with
     the row ``reference``; ``judged`` is the method that the goals are for, there or not.
+    ``trained``: how the learned rows were, None where nobody knows any more.
     """
 
     folder: str
@@ -41,6 +43,7 @@ class Results:
     missing: tuple[str, ...]
     reference: Row
     judged: str
+    trained: Mapping[str, Training | None] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -72,6 +75,15 @@ class Results:
         return [each if self.judged in whole else replace(each, met=None) for each in found]
 
     @property
+    def trainings(self) -> list[tuple[Training, list[str]]]:
+        """Each training that is known, and the rows that were tested of it."""
+        found: dict[str, tuple[Training, list[str]]] = {}
+        for name, training in self.trained.items():
+            if training is not None:
+                found.setdefault(training.policy, (training, []))[1].append(name)
+        return list(found.values())
+
+    @property
     def whole(self) -> int:
         """Episodes that a whole row has at least."""
         return EPISODES * len(self.scenarios)
@@ -94,6 +106,9 @@ class Results:
             found.append(
                 f"Of {self.whole:,} episodes {words}; the goals take such rows as not there yet."
             )
+        forgotten = [name for name, training in self.trained.items() if training is None]
+        if forgotten:
+            found.append(f"How they were trained is not on record: {', '.join(forgotten)}.")
         strangers = [r.method for r in self.rows if r is not self.reference and not self._shares(r)]
         if strangers:
             found.append(
@@ -129,6 +144,9 @@ class Results:
                 "method": self.judged,
                 "verdicts": [verdict.to_dict() for verdict in self.goals],
             },
+            "trainings": [
+                {**training.to_dict(), "methods": names} for training, names in self.trainings
+            ],
             "missing": list(self.missing),
             "notes": self.notes(),
         }
@@ -159,6 +177,7 @@ def gather(
         wanted = list(dict.fromkeys([*wanted, *choose(known, [reference], "method")]))
     rows = rows_of(folder, wanted)
     by_name = {row.method: row for row in rows}
+    trained = trainings_of(folder)
     if reference is not None and reference not in by_name:
         raise UserError(
             f"--reference {reference}: {folder.path} has no episode of it; "
@@ -172,6 +191,7 @@ def gather(
         missing=tuple(name for name in wanted if name not in by_name),
         reference=by_name[reference] if reference else by_name.get(OURS, rows[0]),
         judged=reference or OURS,
+        trained={name: trained[name] for name in by_name if name in trained},
     )
 
 

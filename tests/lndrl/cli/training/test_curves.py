@@ -9,9 +9,11 @@ import pytest
 
 from lndrl.cli.main import run as lndrl
 from lndrl.curve import read_curve
+from lndrl.evaluation.benchmark.trainings import training_of, write_training
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.transport.messages import COUNTS
 from lndrl.view.pictures.curves import save_curves, write_csv, write_validated
+from tests.lndrl.evaluation.benchmark.trainings import trained
 
 
 def write_run(folder: Path, updates: int, validated: bool) -> None:
@@ -80,3 +82,26 @@ def test_bad_input_is_one_sentence(
     assert lndrl(["curves", *arguments]) == 2
     error = capsys.readouterr().err.strip()
     assert sentence in error and len(error.splitlines()) == 1
+
+
+def test_a_folder_of_results_shows_the_trainings_that_it_keeps(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("packed").mkdir()
+    Path("packed/benchmark.json").touch()
+    assert lndrl(["curves", "packed", "--out", "all"]) == 2
+    assert "packed: keeps no training; lndrl benchmark --pack" in capsys.readouterr().err
+    for name in ("one", "two"):
+        training = training_of(trained.write_run(Path("runs", name)), trained.digits("best"))
+        assert training is not None
+        write_training(Path("packed"), training)
+    assert lndrl(["curves", "packed"]) == 2
+    assert "--out: say where the curves of all its runs go" in capsys.readouterr().err
+    assert lndrl(["curves", "packed", "--out", "all"]) == 0
+    told = "all.png and all.csv: 2 runs, 10 updates, 6 validated versions\n"
+    told += "next: lndrl results --from packed  # what the policies were worth\n"
+    assert capsys.readouterr().out == told
+    assert lndrl(["curves", "packed", "runs/a", "--out", "more"]) == 0
+    assert capsys.readouterr().out.startswith("more.png and more.csv: 3 runs, 22 updates")
+    names = [line.partition(",")[0] for line in Path("more.csv").read_text().splitlines()[1:]]
+    assert list(dict.fromkeys(names)) == ["one", "two", "a"]

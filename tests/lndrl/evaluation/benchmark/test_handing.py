@@ -7,6 +7,7 @@ import dataclasses
 import json
 import lzma
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from lndrl.evaluation.benchmark import (
     load_benchmark,
     pack,
     rows_of,
+    trainings_of,
 )
 from lndrl.evaluation.benchmark.store import COLUMNS
 from lndrl.evaluation.hazard import Hazard
@@ -34,6 +36,7 @@ from lndrl.navigation.episode import OUTCOMES
 from lndrl.navigation.families import Family
 from lndrl.navigation.reward import REWARD_PARTS
 from lndrl.planners import planner_source
+from tests.lndrl.evaluation.benchmark.trainings.trained import digits, write_run
 
 METHODS = ("dwa", "careful+map")
 PLACES = ("hall", "sparse")
@@ -126,6 +129,39 @@ def test_what_is_packed_must_be_whole(tmp_path: Path) -> None:
         pack(folder, tmp_path / "packed", 9, ["nobody"])
     with pytest.raises(UserError, match="holds no results"):
         pack(ResultsFolder(tmp_path / "nothing"), tmp_path / "packed", 9)
+
+
+def test_how_policies_were_trained_goes_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_run(Path("runs/one"))
+    one = {"planner": "runs/one", "identity": f"{digits('best')} at 0.25"}
+    shielded = one | {"identity": f"{digits('best')} at 0.25 shield {{}}"}
+    gone = {"planner": "runs/gone", "identity": digits("gone")}
+    methods = {"one": one, "one+shield": shielded, "gone": gone}
+    folder = filled(Path("own"), methods={name: {"identity": "rule"} for name in METHODS})
+    random = np.random.default_rng(5)
+    for name in methods:
+        for place in PLACES:
+            folder.keep(name, place, [record(random, k) for k in range(9)])
+    identity = Identity.read(folder.path / "benchmark.json")
+    identity.methods.update(methods)
+    identity.write(folder.path / "benchmark.json")
+    command = ["benchmark", "--episodes", "9", "--pack"]
+    assert lndrl([*command, "packed", "--from", "own"]) == 0
+    told = capsys.readouterr()
+    assert "packed: 10 files of 9 episodes each, how 1 policy had been trained, 0." in told.out
+    assert "the policies tested as gone are in no run folder here any more" in told.err
+    # What is packed needs its run no more.
+    shutil.rmtree("runs")
+    found = trainings_of(ResultsFolder(Path("packed")))
+    assert found["one"] == found["one+shield"] is not None and found["gone"] is None
+    assert lndrl([*command, "again", "--from", "packed"]) == 0
+    kept = Path("packed/one-training.jsonl.xz").read_bytes()
+    assert Path("again/one-training.jsonl.xz").read_bytes() == kept
+    assert lndrl([*command, "rules", "--from", "own", "--methods", "dwa"]) == 0
+    assert not list(Path("rules").glob("*training*"))
 
 
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:

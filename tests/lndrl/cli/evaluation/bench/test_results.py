@@ -10,7 +10,9 @@ import pytest
 from lndrl.cli.main import run as lndrl
 from lndrl.evaluation.benchmark import Identity, ResultsFolder, load_benchmark
 from lndrl.evaluation.benchmark.results import page
+from lndrl.evaluation.benchmark.trainings import training_of, write_training
 from tests.lndrl.evaluation.benchmark.results.rows import record
+from tests.lndrl.evaluation.benchmark.trainings.trained import MACHINE, digits, write_run
 
 PLACES = ("hall", "sparse")
 METHODS = {"careful": "aaal", "dwa": "acla", "lndrl": "aaaa", "drl_laser": "a"}
@@ -150,3 +152,25 @@ def test_bad_input_is_one_sentence(
     error = capsys.readouterr().err.strip()
     assert sentence in error and len(error.splitlines()) == 1
     assert Path("full.md").read_text() == "words\n"
+
+
+def test_how_rows_were_trained_is_a_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert figures(capsys)["trainings"] == []
+    training = training_of(write_run(Path("runs/l")), digits("best"))
+    assert training is not None
+    write_training(folder, training)
+    identity = Identity.read(folder / "benchmark.json")
+    identity.methods["lndrl"] = {"planner": "runs/l", "identity": f"{digits('best')} at 0.25"}
+    identity.methods["drl_laser"] = {"planner": "runs/d", "identity": digits("gone")}
+    identity.write(folder / "benchmark.json")
+    found = figures(capsys)
+    [told] = found["trainings"]
+    assert told["methods"] == ["lndrl"] and told["steps"] == 500 and told["machine"] == MACHINE
+    assert "How they were trained is not on record: drl_laser." in found["notes"]
+    assert lndrl([*HERE, "--markdown", "page.md"]) == 0
+    row = f"| lndrl | 7 | 500 | 5 | 200 | 0.750 of 4 | {MACHINE} |"
+    assert row in Path("page.md").read_text("utf-8")
+    capsys.readouterr()
+    assert lndrl(["report", "results/mine", "--spec", "bench.yaml", "--out", "page.html"]) == 0
+    html = Path("page.html").read_text("utf-8")
+    assert "How the rows were trained" in html and "0.750 of 4" in html
