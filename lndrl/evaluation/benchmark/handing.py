@@ -94,6 +94,7 @@ def trainings_of(folder: ResultsFolder, runs: Path = Path()) -> dict[str, Traini
 
     Of a method's run folder (below ``runs``, as methods name them) where the policy that was tested
     is still in it, else of what ``folder`` keeps, else None: nothing is left but its episodes.
+    Raises UserError where what it keeps is damaged.
     """
     kept = {(each.run, each.policy): each for each in kept_trainings(folder.path)}
     found: dict[str, Training | None] = {}
@@ -101,11 +102,18 @@ def trainings_of(folder: ResultsFolder, runs: Path = Path()) -> dict[str, Traini
         run = Path(method.get("planner", ""))
         if run.parent == Path(RUNS):
             policy = method["identity"].partition(" ")[0]
-            known = kept.get((run.name, policy)) or training_of(runs / run, policy)
+            known = kept.get((run.name, policy)) or _at_hand(runs / run, policy)
             if known is not None:
                 kept[run.name, policy] = known
             found[name] = known
     return found
+
+
+def _at_hand(run: Path, policy: str) -> Training | None:
+    try:
+        return training_of(run, policy)
+    except UserError:  # of a program that is long gone, or damaged: episodes are shown without
+        return None
 
 
 def pack_trainings(

@@ -160,8 +160,8 @@ def _pack(
     typer.echo(f"{target}: {told}, {size / 1e6:.2f} MB")
     if unknown:
         typer.echo(
-            f"the policies tested as {', '.join(unknown)} are in no run folder here any more: how "
-            "they were trained is not packed",
+            f"of the policies tested as {', '.join(unknown)} no run folder here can be read any "
+            "more: how they were trained is not packed",
             err=True,
         )
 

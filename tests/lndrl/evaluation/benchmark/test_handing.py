@@ -152,7 +152,10 @@ def test_how_policies_were_trained_goes_along(
     assert lndrl([*command, "packed", "--from", "own"]) == 0
     told = capsys.readouterr()
     assert "packed: 10 files of 9 episodes each, how 1 policy had been trained, 0." in told.out
-    assert "the policies tested as gone are in no run folder here any more" in told.err
+    assert "of the policies tested as gone no run folder here can be read any more" in told.err
+    # A run that cannot be read hides no episode.
+    Path("runs/one/metrics.jsonl").unlink()
+    assert trainings_of(folder)["one"] is None
     # What is packed needs its run no more.
     shutil.rmtree("runs")
     found = trainings_of(ResultsFolder(Path("packed")))
