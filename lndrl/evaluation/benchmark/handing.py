@@ -92,8 +92,8 @@ def pack(
 def trainings_of(folder: ResultsFolder, runs: Path = Path()) -> dict[str, Training | None]:
     """How the learned methods of ``folder`` were trained, by method; rules are not among them.
 
-    Of a method's run folder (below ``runs``, as methods name them) where the policy that was tested
-    is still in it, else of what ``folder`` keeps, else None: nothing is left but its episodes.
+    Of what ``folder`` keeps, else of the method's run folder (below ``runs``, as methods name them)
+    where the policy that was tested is still in it, else None: only its episodes are left.
     Raises UserError where what it keeps is damaged.
     """
     kept = {(each.run, each.policy): each for each in kept_trainings(folder.path)}
