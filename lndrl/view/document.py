@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from lndrl.errors import UserError
 
 END = "<!-- end -->"
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
 
 Row = tuple[str, ...]
 
@@ -50,10 +52,14 @@ def check_document(path: Path, kind: str, name: str) -> tuple[str, str]:
 
 
 def markdown_table(head: Row, rows: Sequence[Row]) -> str:
-    """``rows`` under ``head``; stars are shown, not taken for emphasis."""
+    """``rows`` under ``head``; stars, bars and tags are shown, not taken for Markdown."""
     lines = [_line(head), "|" + "---|" * len(head)]
-    lines += [_line(tuple(cell.replace("*", "\\*") for cell in row)) for row in rows]
+    lines += [_line(tuple(map(_shown, row))) for row in rows]
     return "\n".join(lines)
+
+
+def _shown(cell: str) -> str:
+    return _TAG.sub("&lt;", cell.replace("*", "\\*").replace("|", "\\|"))
 
 
 def _begin(kind: str, name: str) -> str:

@@ -87,7 +87,8 @@ def training_rows(results: Results) -> tuple[Row, list[Row]]:
         counts = training.validated
         arrived = MISSING
         if counts is not None:
-            arrived = f"{counts['arrived'] / counts['episodes']:.3f} of {counts['episodes']:,}"
+            share = counts["arrived"] / counts["episodes"]
+            arrived = f"{share:.3f} ({counts['episodes']:,} episodes)"
         rows.append(
             (
                 ", ".join(methods),
@@ -99,7 +100,15 @@ def training_rows(results: Results) -> tuple[Row, list[Row]]:
                 training.machine or MISSING,
             )
         )
-    return ("rows", "seed", "steps", "minutes", "tested: of step", "validated", "machine"), rows
+    return (
+        "rows",
+        "seed",
+        "steps",
+        "minutes",
+        "tested: that of step",
+        "validated",
+        "machine",
+    ), rows
 
 
 def captions(results: Results) -> tuple[str, str, str, str, str]:
@@ -112,8 +121,8 @@ def captions(results: Results) -> tuple[str, str, str, str, str]:
         f"{name} less each other row over the same episodes: points with paired 95 % intervals, "
         f"exact McNemar p, and in how many episodes only {name} : only the other ended so.",
         f"Goals for {results.judged}.",
-        "How the policies were trained; validated: how many arrived, in the training's own place, "
-        "when the tested version was.",
+        "How the policies were trained. Validated: how many arrived when the tested version was "
+        "tried where it was trained, with actions drawn as there: less decided than in the test.",
     )
 
 

@@ -87,6 +87,8 @@ def _several(paths: list[Path], picture: Path, table: Path) -> str:
 
     names = dict(zip(paths, names_of(paths), strict=True))
     found = [run for path in paths for run in _runs_in(path, names[path])]
+    if len({run.name for run in found}) < len(found):  # of one name in several folders
+        found = [run for path in paths for run in _runs_in(path, names[path], f"{path}: ")]
     save_many_curves(found, picture)
     write_many_csv(found, table)
     updates = sum(len(run.rows) for run in found)
@@ -101,8 +103,11 @@ def _is_results(folder: Path) -> bool:
     return (folder / IDENTITY).is_file()
 
 
-def _runs_in(folder: Path, name: str) -> list[Curves]:
-    """The run of a run folder, called ``name``, or all that a folder of results keeps."""
+def _runs_in(folder: Path, name: str, before: str = "") -> list[Curves]:
+    """The run of a run folder, called ``name``, or all that a folder of results keeps.
+
+    Of these the name stands behind ``before``.
+    """
     from lndrl.curve import read_curve
     from lndrl.evaluation.benchmark import kept_trainings
     from lndrl.evaluation.run_metrics import read_metrics
@@ -111,10 +116,18 @@ def _runs_in(folder: Path, name: str) -> list[Curves]:
     if not _is_results(folder):
         metrics = folder / "metrics.jsonl"
         return [Curves(name, read_metrics(metrics), read_curve(metrics))]
-    kept = [Curves(each.run, each.rows, each.curve) for each in kept_trainings(folder)]
+    kept = kept_trainings(folder)
     if not kept:
         raise UserError(
             f"{folder}: keeps no training; lndrl benchmark --pack FOLDER puts there how the "
             "policies were trained that it tested, while their run folders are there"
         )
-    return kept
+    names = [each.run for each in kept]
+    return [
+        Curves(
+            before + each.run + (f" {each.policy[:8]}" if names.count(each.run) > 1 else ""),
+            each.rows,
+            each.curve,
+        )
+        for each in kept
+    ]

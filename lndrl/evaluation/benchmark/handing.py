@@ -7,19 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from lndrl.config import REPOSITORY_CONFIGS
+from lndrl.config.shipped import SHIPPED_POLICIES
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, check_frozen
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.trainings import (
-    RUNS,
     Training,
-    kept_trainings,
+    read_training,
+    training_file,
     training_of,
     write_training,
 )
 
 SHIPPED = REPOSITORY_CONFIGS.parent / "docs" / "results"
 """Where a checkout has results of the frozen bench, ``v1``, ``v2`` by version; a wheel has none."""
+_RULE = "rule"  # the actions of who has no weights
 
 
 def shipped_results(spec: BenchmarkSpec, file: Path) -> ResultsFolder | None:
@@ -89,27 +91,34 @@ def pack(
     return [packed.packed(name, place) for name, place in found]
 
 
-def trainings_of(folder: ResultsFolder, runs: Path = Path()) -> dict[str, Training | None]:
-    """How the learned methods of ``folder`` were trained, by method; rules are not among them.
+def trainings_of(
+    folder: ResultsFolder, methods: Sequence[str] | None = None, runs: Path = Path()
+) -> dict[str, Training | None]:
+    """How the learned ``methods`` of ``folder``, by default all, were trained, by method.
 
     Of what ``folder`` keeps, else of the method's run folder (below ``runs``, as methods name them)
-    where the policy that was tested is still in it, else None: only its episodes are left.
-    Raises UserError where what it keeps is damaged.
+    where the policy that was tested is still in it, else None: only its episodes are left. Rules
+    and policies that come with the program are left out. Raises UserError where what ``folder``
+    keeps is damaged.
     """
-    kept = {(each.run, each.policy): each for each in kept_trainings(folder.path)}
+    read: dict[tuple[Path, str], Training | None] = {}
     found: dict[str, Training | None] = {}
     for name, method in Identity.read(folder.path / IDENTITY).methods.items():
-        run = Path(method.get("planner", ""))
-        if run.parent == Path(RUNS):
-            policy = method["identity"].partition(" ")[0]
-            known = kept.get((run.name, policy)) or _at_hand(runs / run, policy)
-            if known is not None:
-                kept[run.name, policy] = known
-            found[name] = known
+        planner, identity = method.get("planner", ""), method.get("identity", "")
+        if method.get("actions", _RULE) == _RULE or planner in SHIPPED_POLICIES:
+            continue
+        if methods is None or name in methods:
+            key = Path(planner), identity.partition(" ")[0]
+            if key not in read:
+                read[key] = _kept_or_at_hand(folder.path, runs / planner, key[1])
+            found[name] = read[key]
     return found
 
 
-def _at_hand(run: Path, policy: str) -> Training | None:
+def _kept_or_at_hand(folder: Path, run: Path, policy: str) -> Training | None:
+    kept = training_file(folder, run.name, policy)
+    if kept.is_file():
+        return read_training(kept)
     try:
         return training_of(run, policy)
     except UserError:  # of a program that is long gone, or damaged: episodes are shown without
@@ -119,11 +128,15 @@ def _at_hand(run: Path, policy: str) -> Training | None:
 def pack_trainings(
     folder: ResultsFolder, target: Path, methods: Sequence[str] | None = None
 ) -> tuple[list[Path], list[str]]:
-    """Write how the learned ``methods`` of ``folder`` were trained to ``target``, a file per run.
+    """Write how the learned ``methods`` of ``folder`` were trained to ``target``, a file a policy.
 
-    By default all. Returns the files, and the methods of which nothing is known any more.
+    By default all. Returns the files, and the methods of which ``target`` has none.
     """
-    found = {n: t for n, t in trainings_of(folder).items() if methods is None or n in methods}
-    runs = {training.run: training for training in found.values() if training is not None}
-    unknown = [name for name, training in found.items() if training not in runs.values()]
-    return [write_training(target, training) for training in runs.values()], unknown
+    found = trainings_of(folder, methods)
+    known = {training.policy: training for training in found.values() if training is not None}
+    files = [write_training(target, training) for training in known.values()]
+    return files, [
+        name
+        for name, there in trainings_of(ResultsFolder(target), list(found)).items()
+        if there is None
+    ]

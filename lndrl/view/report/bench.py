@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.view.palette import OUTCOME_WORD
-from lndrl.view.pictures.many_curves import Curves, many_figure
+from lndrl.view.pictures.curves import value_at
+from lndrl.view.pictures.many_curves import PANELS, Curves, many_figure
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,
@@ -86,10 +87,16 @@ def _trainings(results: Results) -> list[Section]:
     if not rows:
         return []
     curves = [Curves(names[0], t.rows, t.curve) for t, names in results.trainings]
-    figure = many_figure(curves)
-    picture = chart("learning", figure, "arrived, collided and lost over steps", "As they learned.")
+    ends = "; ".join(f"{run.name} {_ended(run)}" for run in curves)
+    alt = f"Chart of arrived, collided and lost over steps; the last of each: {ends}."
+    picture = chart("learning", many_figure(curves), alt, "As they learned.")
     table = Table(captions(results)[-1], head, rows, words=frozenset({0, 6}))
     return [Section("trainings", "How the rows were trained", [picture, table])]
+
+
+def _ended(run: Curves) -> str:
+    shares = (value_at(run.rows[-1], f"episodes.{name}") for name in PANELS)
+    return ", ".join(percent(share) for share in shares)
 
 
 def identity_section(results: Results) -> Section:

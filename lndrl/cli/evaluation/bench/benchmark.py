@@ -55,7 +55,10 @@ def benchmark(
     ] = None,
     pack: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Write what is there to FOLDER, compressed."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Write what is there to FOLDER, compressed, and how the policies were trained.",
+        ),
     ] = None,
     localization: Annotated[
         Literal["amcl", "perfect"] | None, typer.Option(help="For all methods; perfect: the truth.")
@@ -160,8 +163,8 @@ def _pack(
     typer.echo(f"{target}: {told}, {size / 1e6:.2f} MB")
     if unknown:
         typer.echo(
-            f"of the policies tested as {', '.join(unknown)} no run folder here can be read any "
-            "more: how they were trained is not packed",
+            f"how these were trained is not packed: {', '.join(unknown)}; no run folder here holds "
+            "the version that was tested",
             err=True,
         )
 

@@ -108,7 +108,7 @@ class Results:
             )
         forgotten = [name for name, training in self.trained.items() if training is None]
         if forgotten:
-            found.append(f"How they were trained is not on record: {', '.join(forgotten)}.")
+            found.append(f"How they were trained is not kept there: {', '.join(forgotten)}.")
         strangers = [r.method for r in self.rows if r is not self.reference and not self._shares(r)]
         if strangers:
             found.append(
@@ -177,7 +177,6 @@ def gather(
         wanted = list(dict.fromkeys([*wanted, *choose(known, [reference], "method")]))
     rows = rows_of(folder, wanted)
     by_name = {row.method: row for row in rows}
-    trained = trainings_of(folder)
     if reference is not None and reference not in by_name:
         raise UserError(
             f"--reference {reference}: {folder.path} has no episode of it; "
@@ -191,7 +190,7 @@ def gather(
         missing=tuple(name for name in wanted if name not in by_name),
         reference=by_name[reference] if reference else by_name.get(OURS, rows[0]),
         judged=reference or OURS,
-        trained={name: trained[name] for name in by_name if name in trained},
+        trained=trainings_of(folder, list(by_name)),
     )
 
 

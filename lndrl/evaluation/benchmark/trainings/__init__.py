@@ -4,6 +4,7 @@ from lndrl.evaluation.benchmark.trainings.kept import (
     Training,
     kept_trainings,
     read_training,
+    training_file,
     training_of,
     write_training,
 )
@@ -17,6 +18,7 @@ __all__ = [
     "kept_trainings",
     "method_runs",
     "read_training",
+    "training_file",
     "training_of",
     "write_training",
 ]

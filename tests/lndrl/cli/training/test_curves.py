@@ -105,3 +105,7 @@ def test_a_folder_of_results_shows_the_trainings_that_it_keeps(
     assert capsys.readouterr().out.startswith("more.png and more.csv: 3 runs, 22 updates")
     names = [line.partition(",")[0] for line in Path("more.csv").read_text().splitlines()[1:]]
     assert list(dict.fromkeys(names)) == ["one", "two", "a"]
+    # Runs of one name in several folders are told apart.
+    assert lndrl(["curves", "packed", "runs/one", "--out", "more"]) == 0
+    names = [line.partition(",")[0] for line in Path("more.csv").read_text().splitlines()[1:]]
+    assert list(dict.fromkeys(names)) == ["packed: one", "packed: two", "one"]

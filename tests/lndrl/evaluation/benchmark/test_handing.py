@@ -26,6 +26,7 @@ from lndrl.evaluation.benchmark import (
     check_bench,
     load_benchmark,
     pack,
+    pack_trainings,
     rows_of,
     trainings_of,
 )
@@ -136,10 +137,13 @@ def test_how_policies_were_trained_goes_along(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_run(Path("runs/one"))
-    one = {"planner": "runs/one", "identity": f"{digits('best')} at 0.25"}
+    sampled = {"actions": "sampled"}
+    one = sampled | {"planner": "runs/one", "identity": f"{digits('best')} at 0.25"}
     shielded = one | {"identity": f"{digits('best')} at 0.25 shield {{}}"}
-    gone = {"planner": "runs/gone", "identity": digits("gone")}
-    methods = {"one": one, "one+shield": shielded, "gone": gone}
+    later = one | {"identity": digits("newest")}
+    gone = sampled | {"planner": "runs/gone", "identity": digits("gone")}
+    shipped = sampled | {"planner": "shipped", "identity": digits("shipped")}
+    methods = {"one": one, "one+shield": shielded, "later": later, "gone": gone, "s": shipped}
     folder = filled(Path("own"), methods={name: {"identity": "rule"} for name in METHODS})
     random = np.random.default_rng(5)
     for name in methods:
@@ -151,18 +155,23 @@ def test_how_policies_were_trained_goes_along(
     command = ["benchmark", "--episodes", "9", "--pack"]
     assert lndrl([*command, "packed", "--from", "own"]) == 0
     told = capsys.readouterr()
-    assert "packed: 10 files of 9 episodes each, how 1 policy had been trained, 0." in told.out
-    assert "of the policies tested as gone no run folder here can be read any more" in told.err
+    assert "packed: 14 files of 9 episodes each, how 2 policies had been trained, 0." in told.out
+    assert "how these were trained is not packed: gone; no run folder here holds the" in told.err
     # A run that cannot be read hides no episode.
     Path("runs/one/metrics.jsonl").unlink()
     assert trainings_of(folder)["one"] is None
     # What is packed needs its run no more.
     shutil.rmtree("runs")
     found = trainings_of(ResultsFolder(Path("packed")))
-    assert found["one"] == found["one+shield"] is not None and found["gone"] is None
+    assert {name: each and each.tested for name, each in found.items()} == {
+        "one": 200, "one+shield": 200, "later": 500, "gone": None,
+    }  # fmt: skip
     assert lndrl([*command, "again", "--from", "packed"]) == 0
-    kept = Path("packed/one-training.jsonl.xz").read_bytes()
-    assert Path("again/one-training.jsonl.xz").read_bytes() == kept
+    kept = sorted(Path("packed").glob("one-*-training.jsonl.xz"))
+    assert len(kept) == 2
+    assert all(Path("again", each.name).read_bytes() == each.read_bytes() for each in kept)
+    # What the target has is not missed, though its run is gone and the source does not keep it.
+    assert pack_trainings(folder, Path("packed"), ["one"]) == ([], [])
     assert lndrl([*command, "rules", "--from", "own", "--methods", "dwa"]) == 0
     assert not list(Path("rules").glob("*training*"))
 

@@ -160,17 +160,20 @@ def test_how_rows_were_trained_is_a_table(folder: Path, capsys: pytest.CaptureFi
     assert training is not None
     write_training(folder, training)
     identity = Identity.read(folder / "benchmark.json")
-    identity.methods["lndrl"] = {"planner": "runs/l", "identity": f"{digits('best')} at 0.25"}
-    identity.methods["drl_laser"] = {"planner": "runs/d", "identity": digits("gone")}
+    sampled = {"actions": "sampled"}
+    lndrls = {"planner": "runs/l", "identity": f"{digits('best')} at 0.25"}
+    identity.methods["lndrl"] = sampled | lndrls
+    identity.methods["drl_laser"] = sampled | {"planner": "runs/d", "identity": digits("gone")}
     identity.write(folder / "benchmark.json")
     found = figures(capsys)
     [told] = found["trainings"]
     assert told["methods"] == ["lndrl"] and told["steps"] == 500 and told["machine"] == MACHINE
-    assert "How they were trained is not on record: drl_laser." in found["notes"]
+    assert "How they were trained is not kept there: drl_laser." in found["notes"]
     assert lndrl([*HERE, "--markdown", "page.md"]) == 0
-    row = f"| lndrl | 7 | 500 | 5 | 200 | 0.750 of 4 | {MACHINE} |"
+    row = f"| lndrl | 7 | 500 | 5 | 200 | 0.750 (4 episodes) | {MACHINE} |"
     assert row in Path("page.md").read_text("utf-8")
     capsys.readouterr()
     assert lndrl(["report", "results/mine", "--spec", "bench.yaml", "--out", "page.html"]) == 0
     html = Path("page.html").read_text("utf-8")
-    assert "How the rows were trained" in html and "0.750 of 4" in html
+    assert "the last of each: lndrl 25.0 %, 25.0 %, 50.0 %." in html
+    assert "How the rows were trained" in html and "0.750 (4 episodes)" in html

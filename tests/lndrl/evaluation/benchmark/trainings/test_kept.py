@@ -47,7 +47,10 @@ def test_a_run_on_two_machines_names_both(tmp_path: Path) -> None:
         log.write("2026-12-02 04:56:21 machine    NVIDIA\n2026-12-02 04:56:22 join    machine x\n")
     found = training_of(folder, digits("best"))
     assert found is not None and found.machine == f"{MACHINE}; then NVIDIA"
-    (folder / "events.log").unlink()
+    # The log goes on in another file once it is large.
+    (folder / "events.log").rename(folder / "events.log.1")
+    assert training_of(folder, digits("best")) == found
+    (folder / "events.log.1").unlink()
     found = training_of(folder, digits("best"))
     assert found is not None and found.machine == ""
 
@@ -64,6 +67,15 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert '"arrived":0.25' in text and "kl" not in text and "evaluator" not in text
 
 
+def test_two_policies_of_one_run_are_kept_side_by_side(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "one")
+    found = [training_of(run, digits(name)) for name in ("best", "newest")]
+    for each in found:
+        assert each is not None
+        write_training(tmp_path, each)
+    assert {each.tested for each in kept_trainings(tmp_path)} == {200, 500}
+
+
 def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     found = training_of(write_run(tmp_path / "one"), digits("best"))
     assert found is not None
@@ -78,21 +90,33 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
         lzma.compress(lines[0]),
         lzma.compress(b"\n".join([other, *lines[1:]])),
         lzma.compress(b"\n".join([*lines, b"["])),
+        lzma.compress(b"\n".join([*lines, b'{"update":1}'])),
+        lzma.compress(lines[0].replace(b'"seconds":300.2', b'"seconds":"x"') + b"\n" + lines[1]),
+        lzma.compress(b"\n".join([*lines, b"[" * 100_000])),
     ):
         path.write_bytes(damage)
-        with pytest.raises(UserError, match=r"one-training\.jsonl\.xz: is damaged"):
+        with pytest.raises(UserError, match=r"one-\w{8}-training.jsonl.xz: is damaged .* delete"):
             read_training(path)
 
 
-def test_a_damaged_run_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("metrics.jsonl", '{"update": 1, "steps": 100, "episodes": {}}', "KeyError: 'time'"),
+        ("metrics.jsonl", '{"update": 1, "steps": 1, "episodes": {}, "time": {"elapsed": 1}}',
+         "episodes.count is missing"),
+        ("metrics.jsonl", "[" * 100_000, "RecursionError"),
+        ("checkpoints/best/validation.json", '{"steps": "many"}', "ValueError"),
+        ("checkpoints/best/validation.json", "{}", "KeyError: 'steps'"),
+        ("run.json", "", "JSONDecodeError"),
+    ],
+)  # fmt: skip
+def test_a_damaged_run_is_named(tmp_path: Path, name: str, text: str, why: str) -> None:
     folder = write_run(tmp_path / "one")
-    row = {"update": 1, "steps": 100, "episodes": {}}
-    (folder / "metrics.jsonl").write_text(json.dumps(row) + "\n")
-    with pytest.raises(UserError, match=r"metrics\.jsonl: a row has no 'time'"):
+    (folder / name).write_text(text)
+    with pytest.raises(UserError, match="one") as caught:
         training_of(folder, digits("best"))
-    (folder / "checkpoints/best/validation.json").unlink()
-    with pytest.raises(UserError, match=r"validation\.json: cannot be read"):
-        training_of(folder, digits("best"))
+    assert why in str(caught.value)
 
 
 def test_the_rest_of_a_training_is_plain(tmp_path: Path) -> None:
