@@ -100,15 +100,8 @@ def training_rows(results: Results) -> tuple[Row, list[Row]]:
                 training.machine or MISSING,
             )
         )
-    return (
-        "rows",
-        "seed",
-        "steps",
-        "minutes",
-        "tested: that of step",
-        "validated",
-        "machine",
-    ), rows
+    head = ("rows", "seed", "steps", "minutes", "tested: that of step", "validated", "machine")
+    return head, rows
 
 
 def captions(results: Results) -> tuple[str, str, str, str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import threading
 import time
@@ -16,7 +17,10 @@ from learner.learner import Learner
 from learner.status import snapshot
 from lndrl.config import RunConfig, load_config, load_scenario
 from lndrl.errors import UserError
+from lndrl.evaluation.benchmark.trainings import training_of
 from lndrl.evaluation.run_metrics import read_metrics
+from lndrl.numbering import checkpoint_name
+from lndrl.policy.device import machine_with
 from lndrl.transport import ChunkHeader, Hello, MemoryNetwork
 from lndrl.transport.status import LEARNER_ACTIVITIES, overhead, parse_history, parse_status
 from lndrl.version import VERSION
@@ -217,6 +221,24 @@ def test_resume_continues_counters_sequences_and_metrics(start) -> None:
     assert not learner.roster.is_known("a", "life-0", 5)
     again.update()
     assert learner.counters.steps == 96
+
+
+def test_what_is_handed_on_of_a_training_is_what_the_learner_wrote(start) -> None:
+    run = start()
+    run.update(2)
+    run.learner.checkpoint()
+    run.learner.close()
+    folder = run.learner.folder.path
+    again = start(resume=True)
+    again.update(1)
+    again.learner.checkpoint()
+    newest = again.learner.folder.checkpoints / checkpoint_name(again.learner.counters.steps)
+    policy = hashlib.sha256((newest / "policy.safetensors").read_bytes()).hexdigest()[:16]
+    found = training_of(folder, policy)
+    assert found is not None and found.run == folder.name
+    assert found.machine == machine_with(again.learner.ppo.device)
+    assert found.steps == found.tested == again.learner.counters.steps
+    assert len(found.rows) == 3 and 0.0 <= found.seconds <= again.learner.elapsed + 0.05
 
 
 def test_an_existing_folder_is_refused_and_left_alone(start) -> None:

@@ -125,7 +125,7 @@ def _runs_in(folder: Path, name: str, before: str = "") -> list[Curves]:
     names = [each.run for each in kept]
     return [
         Curves(
-            before + each.run + (f" {each.policy[:8]}" if names.count(each.run) > 1 else ""),
+            before + each.run + (f" {each.short}" if names.count(each.run) > 1 else ""),
             each.rows,
             each.curve,
         )

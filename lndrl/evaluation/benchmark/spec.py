@@ -35,7 +35,9 @@ KERNEL_REVISION = 1
 whoever changes them on purpose (tests hold stored episodes to it): what was measured before is then
 another bench's, though no key says so."""
 _BASE = REPOSITORY_CONFIGS / "lndrl.yaml"
-_POLICY = re.compile(r"[0-9a-f]{16}(?: at ([0-9.e+-]+))?(?: shield (\{[^{}]*\}))?")
+DIGITS = 16
+"""Of the digest of a policy file, by which episodes know their policy."""
+_POLICY = re.compile(rf"[0-9a-f]{{{DIGITS}}}" r"(?: at ([0-9.e+-]+))?(?: shield (\{[^{}]*\}))?")
 _GUARD = re.compile(r"(.*) guard (\{[^{}]*\})", re.DOTALL)
 
 
@@ -207,7 +209,7 @@ class Contender:
             return f"{self.source.name} {fingerprint(found)} {settings}"
         if self.source.weights is None:
             return self.source.name
-        digest = hashlib.sha256(self.source.weights).hexdigest()[:16]
+        digest = hashlib.sha256(self.source.weights).hexdigest()[:DIGITS]
         if self.temperature != 1.0:
             digest += f" at {self.temperature!r}"
         if self.source.shield is not None:

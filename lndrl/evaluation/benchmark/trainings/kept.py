@@ -22,6 +22,7 @@ from pydantic import Field
 from lndrl.config import load_config
 from lndrl.curve import curve_in, read_curve
 from lndrl.errors import UserError
+from lndrl.evaluation.benchmark.spec import DIGITS
 from lndrl.evaluation.benchmark.store import write_whole
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.models import MOST, Model, NonNegative, Probability, validate
@@ -29,8 +30,6 @@ from lndrl.numbering import BEST, checkpoints_in, step_of
 from lndrl.policy import POLICY_FILE
 from lndrl.transport.messages import COUNTS
 
-DIGITS = 16
-"""Of the digest of a policy file, by which episodes know their policy."""
 _IN_NAME = 8  # of these
 _SUFFIX = "-training.jsonl.xz"
 _HEAD = "training"
@@ -101,6 +100,11 @@ class Training:
     seconds: float
     rows: Sequence[Row] = field(repr=False)
     curve: Sequence[Row] = field(repr=False)
+
+    @property
+    def short(self) -> str:
+        """The policy's first digits, enough to tell those of a run apart."""
+        return self.policy[:_IN_NAME]
 
     @property
     def validated(self) -> Row | None:
