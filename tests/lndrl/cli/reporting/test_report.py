@@ -96,6 +96,7 @@ def test_the_page_of_results_is_what_lndrl_results_says(
         "Scenarios",
         "Paired differences",
         "Goals",
+        "How the rows were trained",
         "Failure gallery",
         "What was tested",
         "Machine and versions",
