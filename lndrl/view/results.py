@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lndrl.evaluation.benchmark.paper import EPISODES, SCENARIOS
+from lndrl.evaluation.benchmark.results.repeated import ENDS
 from lndrl.evaluation.benchmark.table import (
     Cell,
     metric_cells,
@@ -80,6 +81,23 @@ def goal_rows(results: Results) -> tuple[Row, list[Row]]:
     return ("goal", "seen", "verdict"), rows
 
 
+def repeated_rows(results: Results, between: str = " ") -> tuple[Row, list[Row]]:
+    """Head and rows: what trainings under other seeds come to, and what chance is worth in one."""
+    head = ("trained alike", *(cell for end in ENDS for cell in (end, "chance")))
+    rows: list[Row] = []
+    for each in results.repeated:
+        cells = []
+        for end in ENDS:
+            found = each.over_trainings(end)
+            mean, (low, high) = found.mean, found.interval or (0.0, 1.0)
+            cells += [
+                f"{mean:.3f}{between}({max(low, 0.0):.3f}–{min(high, 1.0):.3f})",
+                f"{100 * min(each.chance(end), 1.0):.1f}",
+            ]
+        rows.append((", ".join(each.methods), *cells))
+    return head, rows
+
+
 def training_rows(results: Results) -> tuple[Row, list[Row]]:
     """Head and rows: how the policies were trained that were tested."""
     rows: list[Row] = []
@@ -104,34 +122,44 @@ def training_rows(results: Results) -> tuple[Row, list[Row]]:
     return head, rows
 
 
-def captions(results: Results) -> tuple[str, str, str, str, str]:
-    """A sentence or two above each of the five tables."""
+def captions(results: Results) -> dict[str, str]:
+    """A sentence or two above each of the six tables, by the table's name."""
     identity, name = results.identity, results.reference.method
-    return (
-        f"Version {identity.bench_version} of the bench, seed {identity.seed}, all scenarios "
-        "together, with 95 % intervals; h is lost per 1,000 control steps.",
-        "Arrived / collided / lost / stuck in every scenario (%).",
-        f"{name} less each other row over the same episodes: points with paired 95 % intervals, "
-        f"exact McNemar p, and in how many episodes only {name} : only the other ended so.",
-        f"Goals for {results.judged}.",
-        "How the policies were trained. Validated: how many arrived when the tested version was "
-        "tried where it was trained, with actions drawn as there: less decided than in the test.",
-    )
+    return {
+        "metrics": f"Version {identity.bench_version} of the bench, seed {identity.seed}, all "
+        "scenarios together, with 95 % intervals; h is lost per 1,000 control steps.",
+        "scenarios": "Arrived / collided / lost / stuck in every scenario (%).",
+        "pairs": f"{name} less each other row over the same episodes: points with paired 95 % "
+        f"intervals, exact McNemar p, and in how many episodes only {name} : only the other ended "
+        "so.",
+        "repeated": "Rows that differ in their training's seed alone: the mean over trainings with "
+        "Student's 95 % interval, and by how many points two single trainings differ at most, in "
+        "95 % of cases, by chance. Both are wide where trainings are few.",
+        "goals": f"Goals for {results.judged}.",
+        "trainings": "How the policies were trained. Validated: how many arrived when the tested "
+        "version was tried where it was trained, with actions drawn as there: less decided than in "
+        "the test.",
+    }
+
+
+def _pages(results: Results, between: str) -> list[tuple[str, Row, list[Row]]]:
+    """Caption, head and rows of every table that has any."""
+    found = {
+        "metrics": metric_rows(results, between),
+        "scenarios": scenario_rows(results),
+        "pairs": paired_rows(results, between),
+        "repeated": repeated_rows(results, between),
+        "goals": goal_rows(results),
+        "trainings": training_rows(results),
+    }
+    words = captions(results)
+    return [(words[name], head, rows) for name, (head, rows) in found.items() if rows]
 
 
 def results_tables(results: Results) -> list[Table]:
     """What a terminal shows."""
-    pages = (
-        metric_rows(results, "\n"),
-        scenario_rows(results),
-        paired_rows(results, "\n"),
-        goal_rows(results),
-        training_rows(results),
-    )
     tables = []
-    for title, (head, rows) in zip(captions(results), pages, strict=True):
-        if not rows:
-            continue
+    for title, head, rows in _pages(results, "\n"):
         table = Table(title=title, title_justify="left")
         for i, name in enumerate(head):
             words = i == 0 or head[0] == "goal" or name == "machine"
@@ -144,18 +172,10 @@ def results_tables(results: Results) -> list[Table]:
 
 
 def results_markdown(results: Results) -> str:
-    """The five tables with their captions, and what is not there, as Markdown."""
-    pages = (
-        metric_rows(results),
-        scenario_rows(results),
-        paired_rows(results),
-        goal_rows(results),
-        training_rows(results),
-    )
+    """The tables with their captions, and what is not there, as Markdown."""
     parts = []
-    for caption, (head, rows) in zip(captions(results), pages, strict=True):
-        if rows:
-            parts += [caption, markdown_table(head, [_emphasized(row) for row in rows])]
+    for caption, head, rows in _pages(results, " "):
+        parts += [caption, markdown_table(head, [_emphasized(row) for row in rows])]
     return "\n\n".join([*parts, *results.notes()])
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from lndrl.evaluation.benchmark.paper import PAPER
+from lndrl.evaluation.benchmark.results.repeated import ENDS
 from lndrl.view.palette import OUTCOME_WORD
 from lndrl.view.pictures.curves import value_at
 from lndrl.view.pictures.many_curves import PANELS, Curves, many_figure
@@ -31,6 +32,7 @@ from lndrl.view.results import (
     goal_rows,
     metric_rows,
     paired_rows,
+    repeated_rows,
     scenario_rows,
     training_rows,
 )
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 
 _PUBLISHED = "  published"
 _PAIRED = [f"{what} ({how})" for how in ("arrived", "lost") for what in ("points", "p", "pairs")]
+_REPEATED = [cell for end in ENDS for cell in (end, f"chance ({end}, points)")]
 _PAPER_FIELDS = {
     "arrived": ("arrival", "ar"),
     "collided": ("collision", "cr"),
@@ -57,7 +60,7 @@ _VERDICT_TONE: dict[str, Tone] = {
 
 def results_sections(results: Results) -> list[Section]:
     """Everything that ``lndrl results`` says, chapter by chapter."""
-    whole, places, pairs, goals, _ = captions(results)
+    words = captions(results)
     head, rows = metric_rows(results, "\n")
     published = frozenset(i for i, row in enumerate(rows) if row[0] == _PUBLISHED)
     named = [(_name(rows, i), *row[1:]) for i, row in enumerate(rows)]
@@ -65,19 +68,23 @@ def results_sections(results: Results) -> list[Section]:
     parts: list[Part | Folded] = [
         _tiles(results),
         Gallery(charts, 300),
-        Table(whole, head, named, quiet=published),
+        Table(words["metrics"], head, named, quiet=published),
     ]
     parts += [Text(note) for note in results.notes()]
     sections = [
         Section("table", "The table beside the paper's", parts),
-        Section("scenarios", "Scenarios", [Table(places, *scenario_rows(results))]),
+        Section("scenarios", "Scenarios", [Table(words["scenarios"], *scenario_rows(results))]),
     ]
     head, rows = paired_rows(results, "\n")
     if rows:
-        table = Table(pairs, ("against", "episodes", *_PAIRED), rows)
+        table = Table(words["pairs"], ("against", "episodes", *_PAIRED), rows)
         sections.append(Section("pairs", "Paired differences", [table]))
+    _, rows = repeated_rows(results, "\n")
+    if rows:
+        table = Table(words["repeated"], ("trained alike", *_REPEATED), rows)
+        sections.append(Section("repeated", "What chance is worth in training", [table]))
     head, rows = goal_rows(results)
-    table = Table(goals, head, rows, words=frozenset({0, 1, 2}), tones=_VERDICT_TONE)
+    table = Table(words["goals"], head, rows, words=frozenset({0, 1, 2}), tones=_VERDICT_TONE)
     return [*sections, Section("goals", "Goals", [table]), *_trainings(results)]
 
 
@@ -90,7 +97,7 @@ def _trainings(results: Results) -> list[Section]:
     ends = "; ".join(f"{run.name} {_ended(run)}" for run in curves)
     alt = f"Chart of arrived, collided and lost over steps; the last of each: {ends}."
     picture = chart("learning", many_figure(curves), alt, "As they learned.")
-    table = Table(captions(results)[-1], head, rows, words=frozenset({0, 6}))
+    table = Table(captions(results)["trainings"], head, rows, words=frozenset({0, 6}))
     return [Section("trainings", "How the rows were trained", [picture, table])]
 
 

@@ -13,6 +13,7 @@ from lndrl.evaluation.benchmark.handing import check_bench, trainings_of
 from lndrl.evaluation.benchmark.paper import EPISODES, PAPER
 from lndrl.evaluation.benchmark.results.goals import Verdict, verdicts
 from lndrl.evaluation.benchmark.results.paired import Difference
+from lndrl.evaluation.benchmark.results.repeated import Repeated, repeated
 from lndrl.evaluation.benchmark.spec import BenchmarkSpec, choose
 from lndrl.evaluation.benchmark.store import IDENTITY, Identity, ResultsFolder
 from lndrl.evaluation.benchmark.trainings import Training
@@ -33,7 +34,8 @@ class Results:
 
     ``missing`` are the rows of the bench without an episode there. All others are compared with
     the row ``reference``; ``judged`` is the method that the goals are for, there or not.
-    ``trained``: how the learned rows were, None where nobody knows any more.
+    ``trained``: how the learned rows were, None where nobody knows any more. ``repeated``: whole
+    rows that are trained alike but for chance.
     """
 
     folder: str
@@ -44,6 +46,7 @@ class Results:
     reference: Row
     judged: str
     trained: Mapping[str, Training | None] = field(default_factory=dict)
+    repeated: tuple[Repeated, ...] = ()
 
     @property
     def name(self) -> str:
@@ -147,6 +150,7 @@ class Results:
             "trainings": [
                 {**training.to_dict(), "methods": names} for training, names in self.trainings
             ],
+            "repeated": [each.to_dict() for each in self.repeated],
             "missing": list(self.missing),
             "notes": self.notes(),
         }
@@ -182,7 +186,7 @@ def gather(
             f"--reference {reference}: {folder.path} has no episode of it; "
             f"it has {', '.join(by_name)}"
         )
-    return Results(
+    found = Results(
         folder=str(folder.path),
         identity=identity,
         scenarios=tuple(bench.scenarios),
@@ -192,6 +196,8 @@ def gather(
         judged=reference or OURS,
         trained=trainings_of(folder, list(by_name)),
     )
+    whole = [row for row in found.rows if found.is_whole(row)]
+    return replace(found, repeated=tuple(repeated(bench, whole)))
 
 
 def _published(method: str) -> dict[str, Any] | None:

@@ -95,6 +95,7 @@ def test_the_page_of_results_is_what_lndrl_results_says(
         "The table beside the paper's",
         "Scenarios",
         "Paired differences",
+        "What chance is worth in training",
         "Goals",
         "How the rows were trained",
         "Failure gallery",

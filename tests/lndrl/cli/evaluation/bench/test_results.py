@@ -177,3 +177,34 @@ def test_how_rows_were_trained_is_a_table(folder: Path, capsys: pytest.CaptureFi
     html = Path("page.html").read_text("utf-8")
     assert "the last of each: lndrl 25.0 %, 25.0 %, 50.0 %." in html
     assert "How the rows were trained" in html and "0.750 (4 episodes)" in html
+
+
+def test_rows_under_other_seeds_are_taken_together(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bench = Path("bench.yaml")
+    second = "  lndrl-two: {planner: runs/l2, config: lndrl, seed: 2}\n"
+    bench.write_text(bench.read_text() + second)
+    assert figures(capsys)["repeated"] == []  # it is not tested yet
+    identity = Identity.read(folder / "benchmark.json")
+    identity.methods["lndrl-two"] = {"identity": "two"}
+    identity.write(folder / "benchmark.json")
+    kept = ResultsFolder(folder)
+    for place in PLACES:
+        kept.keep("lndrl-two", place, [record(o, k) for k, o in enumerate("aal")])
+    assert figures(capsys)["repeated"] == []  # nor here, as far as it shall be
+    for place in PLACES:
+        kept.keep("lndrl-two", place, [record(o, k) for k, o in enumerate("aall")])
+    [told] = figures(capsys)["repeated"]
+    assert told["methods"] == ["lndrl", "lndrl-two"]
+    assert told["arrived"]["mean"] == 0.75 and told["lost"]["mean"] == 0.25
+    # Two rates, 1 and 0.5: their deviation is half the root of one half.
+    assert told["arrived"]["chance"] == pytest.approx(12.7062 * 0.5, abs=1e-3)
+    Path("page.md").write_text("<!-- results mine -->\n<!-- end -->\n")
+    assert lndrl([*HERE, "--markdown", "page.md"]) == 0
+    row = "| lndrl, lndrl-two | 0.750 (0.000–1.000) | 100.0 | 0.000 (0.000–0.000) | 0.0 |"
+    assert row in Path("page.md").read_text("utf-8")
+    capsys.readouterr()
+    assert lndrl(["report", "results/mine", "--spec", "bench.yaml", "--out", "page.html"]) == 0
+    html = Path("page.html").read_text("utf-8")
+    assert "What chance is worth in training" in html and "chance (arrived, points)" in html
