@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _PUBLISHED = "  published"
 _PAIRED = [f"{what} ({how})" for how in ("arrived", "lost") for what in ("points", "p", "pairs")]
-_REPEATED = [cell for end in ENDS for cell in (end, f"chance ({end}, points)")]
+_REPEATED = [cell for end in ENDS for cell in (end, f"chance ({end})")]
 _PAPER_FIELDS = {
     "arrived": ("arrival", "ar"),
     "collided": ("collision", "cr"),
