@@ -68,6 +68,7 @@ def test_mean_and_interval_are_those_of_the_trainings() -> None:
     found = Repeated(tuple(row(str(n), share(n, 100, 40)) for n in (1800, 1840, 1850)))
     arrived = found.over_trainings("arrived")
     assert arrived.mean == pytest.approx(0.915)
+    assert arrived.deviation is not None
     assert arrived.deviation == pytest.approx(math.sqrt(0.000175))
     # Student's quantile of two degrees of freedom, from a printed table.
     half = 4.302653 * arrived.deviation / math.sqrt(3)
