@@ -156,6 +156,15 @@ class BenchmarkSpec(Model):
                 return folder / f"{each}.yaml"
         return None
 
+    def config_name(self, name: str) -> str:
+        """What ``config_of`` looks for, by name: that of ``name``, else of who shares its run.
+
+        Where nobody names one it is ``name`` itself. Needs no file, so it also says of results of
+        elsewhere which rows are trained alike.
+        """
+        named = (self.methods[each].config for each in self.sharing(name))
+        return next((each for each in named if each is not None), name).removesuffix(".yaml")
+
     def seed_of(self, name: str, folder: Path = REPOSITORY_CONFIGS) -> int | None:
         """The seed that the bench trains method ``name`` with, None for its configuration's.
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-from scipy.special import stdtrit
 
 from lndrl.evaluation.benchmark.figures import Row
 from lndrl.evaluation.benchmark.results.goals import rate
@@ -39,7 +36,9 @@ class Repeated:
 
     def chance(self, outcome: str) -> float:
         """How far two more such trainings are apart, 0 to 1: at most so in 95 % of cases."""
-        return apart(self.over_trainings(outcome))
+        apart = self.over_trainings(outcome).apart
+        assert apart is not None  # of two or more
+        return apart
 
     def to_dict(self) -> dict[str, Any]:
         """Plain types; rates, not points."""
@@ -50,17 +49,6 @@ class Repeated:
                 for outcome in ENDS
             },
         }
-
-
-def apart(found: Estimate) -> float:
-    """How far two values more are apart at most, in 95 % of cases; ``found`` is of two or more.
-
-    ``t * sqrt(2) * s`` of the sample deviation ``s`` and Student's ``t`` of one degree of freedom
-    less than there are values, so it is wide while they are few: 18 ``s`` of two, 6 of three.
-    """
-    if found.deviation is None:
-        raise ValueError("of less than two values nobody knows how far two are apart")
-    return float(stdtrit(found.count - 1, 0.975)) * math.sqrt(2.0) * found.deviation
 
 
 def repeated(bench: BenchmarkSpec, rows: Sequence[Row]) -> list[Repeated]:
@@ -80,7 +68,5 @@ def _trained(bench: BenchmarkSpec, name: str) -> Iterator[tuple[str, str]]:
     """With which configuration and how tested; nothing for a row without a training."""
     if name not in bench.methods or is_rule(bench.methods[name].planner):
         return
-    named = [bench.methods[each].config for each in bench.sharing(name)]
-    config = next((each for each in named if each is not None), name)
     tested = bench.methods[name].model_dump_json(exclude={"planner", "config", "seed"})
-    yield config.removesuffix(".yaml"), tested
+    yield bench.config_name(name), tested

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from lndrl.evaluation.benchmark import BenchmarkSpec, load_benchmark
 from lndrl.evaluation.benchmark.results import Repeated, repeated
-from lndrl.evaluation.benchmark.results.repeated import apart
-from lndrl.evaluation.estimate import Estimate
 from tests.lndrl.evaluation.benchmark.results.rows import row, share
 
 
@@ -78,16 +75,3 @@ def test_mean_and_interval_are_those_of_the_trainings() -> None:
     told = found.to_dict()
     assert told["methods"] == ["1800", "1840", "1850"]
     assert told["arrived"]["chance"] == pytest.approx(4.302653 * math.sqrt(2 * 0.000175), abs=1e-6)
-
-
-@pytest.mark.parametrize("trainings", [2, 3, 5])
-def test_two_more_are_so_far_apart_in_95_of_100_cases(trainings: int) -> None:
-    """5,000 times drawn anew: a share of 0.95 has a standard error of 0.003."""
-    draws = np.random.default_rng(7).normal(0.9, 0.01, (5_000, trainings + 2))
-    within = [abs(d[0] - d[1]) <= apart(Estimate.of(d[2:].tolist())) for d in draws]
-    assert np.mean(within) == pytest.approx(0.95, abs=0.012)
-
-
-def test_of_one_value_it_is_unknown() -> None:
-    with pytest.raises(ValueError, match="less than two"):
-        apart(Estimate.of([0.5]))
