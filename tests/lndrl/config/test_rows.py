@@ -69,9 +69,10 @@ def test_who_trusts_its_localization_may_in_training(name: str) -> None:
     assert load_config(f"{name}-trusting").localization.heard_delay == 2
 
 
-def test_alone_means_the_same_for_both_rows_that_are() -> None:
+def test_alone_means_the_same_for_all_rows_that_are() -> None:
     """Of a teacher that there is not nothing matters."""
-    assert difference("drl_laser_ped", "drl_laser_ped-alone") == {"ppo.teacher": None}
+    for row in ("no_variance", "no_reward", "drl_laser_ped"):
+        assert difference(row, f"{row}-alone") == {"ppo.teacher": None}
     assert difference("table-lndrl", "table-alone") == {"ppo.teacher": None}
     alone = {"ppo.teacher": None, "ppo.actor_learning_rate": 3e-4}
     assert difference("lndrl", "reward_alone") == alone

@@ -17,16 +17,18 @@ def test_a_methods_configuration_is_named_by_it_or_like_it_or_by_who_shares_its_
     assert named == {
         **{name: name for name in ("drl_laser", "drl_laser_ped", "no_variance", "no_reward")},
         **{name: name for name in ("drl_laser_ped-alone", "paper")},
+        **{name: name for name in ("no_variance-alone", "no_reward-alone")},
         **{name: name for name in ("drl_laser-trusting", "drl_laser_ped-trusting")},
         **{name: "table-lndrl" for name in ("lndrl", "lndrl+shield", "lndrl+guard", "oracle")},
         **{name: "table-lndrl" for name in ("lndrl-seed2", "lndrl-seed3")},
-        "lndrl-alone": "table-alone",
+        **{name: "table-alone" for name in ("lndrl-alone", "lndrl-alone-seed2")},
         "lndrl-careful": "table-careful",
     }
     seeds = {name: bench.seed_of(name) for name in bench.methods}
     assert {name: seed for name, seed in seeds.items() if seed is not None} == {
         "lndrl-seed2": 2,
         "lndrl-seed3": 3,
+        "lndrl-alone-seed2": 2,
     }
 
 
