@@ -99,6 +99,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "results": _of(
         ("results", "your own, else those that come along"),
         ("results --reference careful --methods careful,dwa", "beside one"),
+        ("results --picture results.png", "at a glance"),
     ),
     "calibrate": _of(
         ("calibrate --table", "only show what is there"),

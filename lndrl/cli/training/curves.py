@@ -12,7 +12,7 @@ from lndrl.errors import UserError
 from lndrl.wording import counted
 
 if TYPE_CHECKING:
-    from lndrl.view.pictures.many_curves import Curves
+    from lndrl.view.pictures.learning.many_curves import Curves
 
 
 def curves(
@@ -65,7 +65,12 @@ def _one(run: Path, picture: Path, table: Path, stem: Path) -> str:
     """Draw and write one run; what was, in words."""
     from lndrl.curve import read_curve
     from lndrl.evaluation.run_metrics import read_metrics
-    from lndrl.view.pictures.curves import save_curves, value_at, write_csv, write_validated
+    from lndrl.view.pictures.learning.curves import (
+        save_curves,
+        value_at,
+        write_csv,
+        write_validated,
+    )
 
     rows = read_metrics(run / "metrics.jsonl")
     curve = read_curve(run / "metrics.jsonl")
@@ -83,7 +88,7 @@ def _one(run: Path, picture: Path, table: Path, stem: Path) -> str:
 
 def _several(paths: list[Path], picture: Path, table: Path) -> str:
     """Draw and write several runs together; what was, in words."""
-    from lndrl.view.pictures.many_curves import names_of, save_many_curves, write_many_csv
+    from lndrl.view.pictures.learning.many_curves import names_of, save_many_curves, write_many_csv
 
     names = dict(zip(paths, names_of(paths), strict=True))
     found = [run for path in paths for run in _runs_in(path, names[path])]
@@ -111,7 +116,7 @@ def _runs_in(folder: Path, name: str, before: str = "") -> list[Curves]:
     from lndrl.curve import read_curve
     from lndrl.evaluation.benchmark import kept_trainings
     from lndrl.evaluation.run_metrics import read_metrics
-    from lndrl.view.pictures.many_curves import Curves
+    from lndrl.view.pictures.learning.many_curves import Curves
 
     if not _is_results(folder):
         metrics = folder / "metrics.jsonl"

@@ -107,7 +107,7 @@ def _show(figures: SweepFigures, json: bool, markdown: Path | None, plot: Path |
 
         write_between_marks(markdown, "sweep", figures.sweep.name, sweep_markdown(figures))
     if plot is not None:
-        from lndrl.view.pictures.sweep_curves import save_sweep
+        from lndrl.view.pictures.learning.sweep_curves import save_sweep
 
         try:
             save_sweep(figures, plot)

@@ -1,1 +1,1 @@
-"""Drawings by matplotlib: worlds, films, trajectories, curves and reports."""
+"""Drawings by matplotlib: worlds, films, trajectories, results and curves."""

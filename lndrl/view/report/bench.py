@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lndrl.evaluation.benchmark.paper import PAPER
 from lndrl.evaluation.benchmark.results.repeated import ENDS
 from lndrl.view.palette import OUTCOME_WORD
-from lndrl.view.pictures.curves import value_at
-from lndrl.view.pictures.many_curves import PANELS, Curves, many_figure
+from lndrl.view.pictures.learning.curves import value_at
+from lndrl.view.pictures.learning.many_curves import PANELS, Curves, many_figure
+from lndrl.view.pictures.rates import FIELDS, rates_figure, shares_of
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,
@@ -25,7 +25,6 @@ from lndrl.view.report.parts import (
     Tiles,
     Tone,
 )
-from lndrl.view.report.rates import Share, rates_figure
 from lndrl.view.results import (
     VERDICT,
     captions,
@@ -45,12 +44,6 @@ if TYPE_CHECKING:
 _PUBLISHED = "  published"
 _PAIRED = [f"{what} ({how})" for how in ("arrived", "lost") for what in ("points", "p", "pairs")]
 _REPEATED = [cell for end in ENDS for cell in (end, f"chance ({end})")]
-_PAPER_FIELDS = {
-    "arrived": ("arrival", "ar"),
-    "collided": ("collision", "cr"),
-    "lost": ("lost", "lr"),
-}
-"""A method's rate and the field of the paper's row, by outcome."""
 _VERDICT_TONE: dict[str, Tone] = {
     VERDICT[True]: "good",
     VERDICT[False]: "bad",
@@ -64,7 +57,7 @@ def results_sections(results: Results) -> list[Section]:
     head, rows = metric_rows(results, "\n")
     published = frozenset(i for i, row in enumerate(rows) if row[0] == _PUBLISHED)
     named = [(_name(rows, i), *row[1:]) for i, row in enumerate(rows)]
-    charts = [_rates(results, outcome) for outcome in _PAPER_FIELDS]
+    charts = [_rates(results, outcome) for outcome in FIELDS]
     parts: list[Part | Folded] = [
         _tiles(results),
         Gallery(charts, 300),
@@ -173,7 +166,7 @@ def _tiles(results: Results) -> Tiles:
     row = results.reference
     metrics, hazard = row.metrics, row.hazard
     tiles = []
-    for outcome, (name, _) in _PAPER_FIELDS.items():
+    for outcome, (name, _) in FIELDS.items():
         rate = getattr(metrics, name)
         low, high = (100 * end for end in rate.interval)
         note = f"{low:.1f}–{high:.1f} % of {rate.episodes:,}"
@@ -188,12 +181,7 @@ def _tiles(results: Results) -> Tiles:
 
 def _rates(results: Results, outcome: str) -> Picture:
     """How often each method ended so, beside what the paper has."""
-    name, field = _PAPER_FIELDS[outcome]
-    shares = []
-    for row in results.rows:
-        rate, paper = getattr(row.metrics, name), PAPER.get(row.method)
-        published = None if paper is None else float(getattr(paper, field))
-        shares.append(Share(row.method, rate.value, rate.interval, published))
+    shares = shares_of(results, outcome)
     word = OUTCOME_WORD[outcome]
     told = (
         f"{share.method} {percent(share.value)}"

@@ -6,7 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lndrl.view.palette import BLUE, ORANGE, OUTCOME, OUTCOME_WORD, PINK, SKY, SLATE, VERMILLION
-from lndrl.view.pictures.curves import Row, column, outcomes_figure, series_figure, value_at
+from lndrl.view.pictures.learning.curves import (
+    Row,
+    column,
+    outcomes_figure,
+    series_figure,
+    value_at,
+)
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.parts import (
     OUTCOME_TONE,

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json as json_format
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lndrl.cli.evaluation.bench.benchmark import NAME, RESULTS, results_there
 from lndrl.cli.help import say_next
-from lndrl.cli.options import BenchName, names_in
+from lndrl.cli.options import BenchName, check_picture, names_in
+from lndrl.errors import UserError
+
+if TYPE_CHECKING:
+    from lndrl.evaluation.benchmark.results import Results
 
 
 def results(
@@ -44,6 +48,13 @@ def results(
             " the folder's, e.g. v2.",
         ),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.png",
+            help="Draw arrived, collided and lost of all rows there, beside the paper's.",
+        ),
+    ] = None,
     spec: BenchName = None,
     json: Annotated[bool, typer.Option("--json", help="Everything as JSON.")] = False,
 ) -> None:
@@ -63,11 +74,15 @@ def results(
         folder = results_there(bench, file, folder)
     if markdown is not None:
         check_document(markdown, "results", folder.path.name)
+    if picture is not None:
+        check_picture(picture, option="--picture")
     found = gather(bench, folder, names_in(methods), reference)
     from lndrl.view.results import results_markdown, results_tables
 
     if markdown is not None:
         write_between_marks(markdown, "results", folder.path.name, results_markdown(found))
+    if picture is not None:
+        _draw(found, picture)
     if json:
         typer.echo(json_format.dumps(found.to_dict(), indent=2))
         return
@@ -77,3 +92,12 @@ def results(
     for note in found.notes():
         typer.echo(note)
     say_next("lndrl", "report", folder.path, then="the same as a page")
+
+
+def _draw(results: Results, picture: Path) -> None:
+    from lndrl.view.pictures.rates import save_results
+
+    try:
+        save_results(results, picture)
+    except OSError as error:
+        raise UserError(f"{picture}: cannot be written ({error.strerror})") from None

@@ -12,7 +12,7 @@ from lndrl.curve import read_curve
 from lndrl.evaluation.benchmark.trainings import training_of, write_training
 from lndrl.evaluation.run_metrics import read_metrics
 from lndrl.transport.messages import COUNTS
-from lndrl.view.pictures.curves import save_curves, write_csv, write_validated
+from lndrl.view.pictures.learning.curves import save_curves, write_csv, write_validated
 from tests.lndrl.evaluation.benchmark.trainings import trained
 
 

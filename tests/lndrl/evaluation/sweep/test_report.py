@@ -12,7 +12,7 @@ from rich.console import Console
 from lndrl.errors import UserError
 from lndrl.evaluation.sweep import Job, Progress, SweepFigures, sweep_figures
 from lndrl.view.document import write_between_marks
-from lndrl.view.pictures.sweep_curves import save_sweep
+from lndrl.view.pictures.learning.sweep_curves import save_sweep
 from lndrl.view.sweep import (
     SweepDisplay,
     outcome_rows,

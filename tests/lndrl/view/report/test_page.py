@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from lndrl.errors import UserError
 from lndrl.view.palette import INK, PAPER
+from lndrl.view.pictures.rates import Share, rates_figure
 from lndrl.view.report.embedded import chart
 from lndrl.view.report.page import check_page, render, write_page
 from lndrl.view.report.parts import (
@@ -26,7 +26,6 @@ from lndrl.view.report.parts import (
     Tile,
     Tiles,
 )
-from lndrl.view.report.rates import Share, rates_figure
 from tests.lndrl.cli.reporting.html_page import HTMLPage
 
 EVIL = "<script>alert('1')</script>\" & \x27"
@@ -75,16 +74,6 @@ def test_a_chart_has_the_pages_ink_and_anchors_of_its_own() -> None:
         assert "http" not in picture.svg and "<svg viewBox=" in picture.svg
     assert figures[0].svg != figures[1].svg
     assert figures[0].svg.replace("a-", "b-") == figures[1].svg.replace("a-", "b-")
-
-
-def test_a_dot_stands_at_its_share_and_a_diamond_at_the_papers() -> None:
-    (axes,) = rates_figure("arrived", SHARES).axes
-    places = [tuple(np.asarray(each.get_offsets())[0].tolist()) for each in axes.collections]
-    assert places == [(90.0, 0.0), (80.0, 0.0), (10.0, 1.0)]
-    assert [np.asarray(line.get_xdata()).tolist() for line in axes.lines] == [
-        [85.0, 95.0],
-        [0.0, 20.0],
-    ]
 
 
 def test_a_half_page_never_stands_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

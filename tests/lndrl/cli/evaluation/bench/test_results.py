@@ -6,11 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from lndrl.cli.main import run as lndrl
 from lndrl.evaluation.benchmark import Identity, ResultsFolder, load_benchmark
-from lndrl.evaluation.benchmark.results import page
+from lndrl.evaluation.benchmark.results import Results, page
 from lndrl.evaluation.benchmark.trainings import training_of, write_training
+from lndrl.view.pictures import rates
 from tests.lndrl.evaluation.benchmark.results.rows import record
 from tests.lndrl.evaluation.benchmark.trainings.trained import MACHINE, digits, write_run
 
@@ -131,9 +133,25 @@ def test_a_document_is_written_between_its_marks(capsys: pytest.CaptureFixture[s
     assert "| dwa | 8 | +50.0 (" in text
 
 
+def test_a_picture_has_the_rows_that_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+    draw = rates.results_figure
+
+    def watched(results: Results) -> Figure:
+        drawn.extend(row.method for row in results.rows)
+        return draw(results)
+
+    monkeypatch.setattr(rates, "results_figure", watched)
+    assert lndrl([*HERE, "--methods", "lndrl,dwa", "--picture", "rates.png"]) == 0
+    assert drawn == ["lndrl", "dwa"]
+    assert Path("rates.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
+        (["--picture", "rates.txt"], "--picture rates.txt: must end in .png"),
+        (["--picture", "nowhere/rates.png"], "--picture nowhere/rates.png: folder nowhere does"),
         (["--from", "nowhere"], "nowhere: holds no results of lndrl benchmark"),
         (["--reference", "paper"], "--reference paper: results/mine has no episode of it; it has"),
         (["--reference", "lndr"], "method 'lndr' is unknown; did you mean lndrl"),

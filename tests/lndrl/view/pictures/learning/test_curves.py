@@ -12,8 +12,8 @@ from PIL import Image
 
 from lndrl.errors import UserError
 from lndrl.evaluation.run_metrics import read_metrics
-from lndrl.view.pictures import curves
-from lndrl.view.pictures.curves import (
+from lndrl.view.pictures.learning import curves
+from lndrl.view.pictures.learning.curves import (
     column,
     save_curves,
     smooth,

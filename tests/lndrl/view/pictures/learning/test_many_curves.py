@@ -11,8 +11,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from lndrl.errors import UserError
-from lndrl.view.pictures.curves import SMOOTHING
-from lndrl.view.pictures.many_curves import (
+from lndrl.view.pictures.learning.curves import SMOOTHING
+from lndrl.view.pictures.learning.many_curves import (
     Curves,
     many_figure,
     names_of,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from lndrl.errors import UserError
 from lndrl.view.palette import BLUE, GREEN, INK, ORANGE, PAPER, PINK, SKY, SLATE, VERMILLION
-from lndrl.view.pictures.curves import dress
 from lndrl.view.pictures.fitting import shortened
+from lndrl.view.pictures.learning.curves import dress
 from lndrl.wording import counted
 
 if TYPE_CHECKING:

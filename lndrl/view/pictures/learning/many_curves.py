@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 
 from lndrl.errors import UserError
 from lndrl.view.palette import BLUE, GREEN, INK, ORANGE, PAPER, PINK, SKY, SLATE, VERMILLION
-from lndrl.view.pictures.curves import SMOOTHING, Row, column, dress, smooth, table_cell, value_at
 from lndrl.view.pictures.fitting import shortened
+from lndrl.view.pictures.learning.curves import (
+    SMOOTHING,
+    Row,
+    column,
+    dress,
+    smooth,
+    table_cell,
+    value_at,
+)
 from lndrl.wilson import wilson_interval
 from lndrl.wording import counted
 

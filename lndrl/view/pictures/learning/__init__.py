@@ -1,0 +1,1 @@
+"""Learning curves: of one run, of several, of the runs of a sweep."""
