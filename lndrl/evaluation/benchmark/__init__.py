@@ -18,7 +18,7 @@ from lndrl.evaluation.benchmark.handing import (
     shipped_results,
     trainings_of,
 )
-from lndrl.evaluation.benchmark.paper import EPISODES, PAPER
+from lndrl.evaluation.benchmark.paper import ALIKE, EPISODES, PAPER
 from lndrl.evaluation.benchmark.replay import (
     Drive,
     Replay,
@@ -57,6 +57,7 @@ from lndrl.evaluation.benchmark.worst import (
 )
 
 __all__ = [
+    "ALIKE",
     "BENCHMARK",
     "CALIBRATION",
     "EPISODES",

@@ -42,3 +42,14 @@ PAPER = {
     ),
 }
 """By the names of ``configs/benchmark.yaml``."""
+
+ALIKE = {
+    **{f"{name}-alone": name for name in ("lndrl", "no_variance", "no_reward", "drl_laser_ped")},
+    "paper": "lndrl",
+}
+"""Rows of the bench that stand for one of the paper's as well: by reward alone, as it trains."""
+
+
+def published(method: str) -> PaperRow | None:
+    """The paper's row that stands beside ``method``; None where it has none."""
+    return PAPER.get(ALIKE.get(method, method))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from lndrl.evaluation.benchmark.figures import OURS, Row, mcnemar
-from lndrl.evaluation.benchmark.paper import EPISODES, PAPER, SCENARIOS
+from lndrl.evaluation.benchmark.paper import EPISODES, SCENARIOS, published
 from lndrl.evaluation.metrics import Rate, Spread
 from lndrl.evaluation.tables import RATES, SPREADS
 
@@ -51,10 +51,10 @@ def metric_cells(row: Row) -> list[Cell]:
 
 def published_cells(method: str) -> list[str] | None:
     """The paper's figures for ``method``, without a hazard; None where it has none."""
-    published = PAPER.get(method)
-    if published is None:
+    row = published(method)
+    if row is None:
         return None
-    values = (getattr(published, _PAPER_FIELDS.get(n, n)) for n in (*RATES, *SPREADS))
+    values = (getattr(row, _PAPER_FIELDS.get(n, n)) for n in (*RATES, *SPREADS))
     figures = [f"{value:.3f}" for value in values]
     figures.insert(_RATES.index(HAZARD), "-")
     return figures

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from lndrl.evaluation.benchmark.paper import PAPER as PUBLISHED
+from lndrl.evaluation.benchmark.paper import published
 from lndrl.view.palette import INK, OUTCOME, OUTCOME_WORD, PAPER, SLATE
 from lndrl.view.pictures.axes import quiet
 from lndrl.view.pictures.fitting import shortened, wrapped
@@ -47,9 +47,9 @@ def shares_of(results: Results, outcome: str) -> list[Share]:
     name, field = FIELDS[outcome]
     found = []
     for row in results.rows:
-        rate, paper = getattr(row.metrics, name), PUBLISHED.get(row.method)
-        published = None if paper is None else float(getattr(paper, field))
-        found.append(Share(row.method, rate.value, rate.interval, published))
+        rate, paper = getattr(row.metrics, name), published(row.method)
+        theirs = None if paper is None else float(getattr(paper, field))
+        found.append(Share(row.method, rate.value, rate.interval, theirs))
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark.figures import OURS, Row, rows_of
 from lndrl.evaluation.benchmark.handing import check_bench, trainings_of
-from lndrl.evaluation.benchmark.paper import EPISODES, PAPER
+from lndrl.evaluation.benchmark.paper import EPISODES, published
 from lndrl.evaluation.benchmark.results.goals import Verdict, verdicts
 from lndrl.evaluation.benchmark.results.paired import Difference
 from lndrl.evaluation.benchmark.results.repeated import Repeated, repeated
@@ -201,7 +201,7 @@ def gather(
 
 
 def _published(method: str) -> dict[str, Any] | None:
-    row = PAPER.get(method)
+    row = published(method)
     return None if row is None else {k: v for k, v in vars(row).items() if k != "label"}
 
 

@@ -13,6 +13,7 @@ from lndrl.cli.main import run as lndrl
 from lndrl.config import load_config
 from lndrl.errors import UserError
 from lndrl.evaluation.benchmark import (
+    ALIKE,
     PAPER,
     Contender,
     Identity,
@@ -80,6 +81,7 @@ def test_the_bench_of_the_repository_is_the_papers() -> None:
     bench = load_benchmark()
     assert len(bench.scenarios) == 5
     assert set(PAPER) < set(bench.methods)
+    assert set(ALIKE) < set(bench.methods) and set(ALIKE.values()) < set(PAPER)
     for row in PAPER.values():
         assert row.ar + row.cr + row.lr + row.sr == pytest.approx(1.0, abs=0.0015)
 

@@ -43,6 +43,8 @@ def test_a_row_is_beside_what_the_paper_has_of_it() -> None:
     assert (ours.method, ours.value, ours.published) == ("lndrl", 0.25, 0.003)
     assert ours.interval == found.rows[0].metrics.lost.interval
     assert (other.method, other.value, other.published) == ("careful", 0.0, None)
+    alone = shares_of(results(**{"no_reward-alone": "aal"}), "lost")
+    assert [each.published for each in alone] == [0.03]
 
 
 def test_at_a_glance_every_row_has_a_line_in_each_of_three_panels() -> None:
