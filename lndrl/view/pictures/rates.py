@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from lndrl.evaluation.benchmark.paper import published
@@ -75,7 +76,8 @@ def results_figure(results: Results) -> Figure:
     panels = {outcome: shares_of(results, outcome) for outcome in FIELDS}
     first = next(iter(panels))
     height = _PAGE_REST + _PAGE_ROW * len(panels[first])
-    figure = Figure(figsize=(_PAGE, height), facecolor=PAPER, layout="constrained")
+    layout = ConstrainedLayoutEngine(wspace=0.05)
+    figure = Figure(figsize=(_PAGE, height), facecolor=PAPER, layout=layout)
     FigureCanvasAgg(figure)
     large, *small = figure.subplots(1, len(panels), sharey=True, width_ratios=(1.5, 1, 1))
     for axes, (outcome, shares) in zip((large, *small), panels.items(), strict=True):
@@ -108,13 +110,13 @@ def _draw(axes: Axes, outcome: str, shares: Sequence[Share]) -> None:
         axes.scatter([100 * share.value], [row], s=34, color=colour, linewidths=0, zorder=4)
         if share.published is not None:
             axes.scatter(
-                [100 * share.published], [row], s=36, marker="D", facecolors=PAPER,
+                [100 * share.published], [row], s=36, marker="D", facecolors="none",
                 edgecolors=INK, linewidths=1.2, zorder=5,
             )  # fmt: skip
     axes.set_ylim(len(shares) - 0.5, -0.5)
     quiet(axes)
     axes.grid(axis="x", color=SLATE, alpha=0.22, linewidth=0.7)
-    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} %"))
     axes.margins(x=0.04)
 

@@ -21,14 +21,13 @@ def test_a_methods_configuration_is_named_by_it_or_like_it_or_by_who_shares_its_
         **{name: name for name in ("drl_laser-trusting", "drl_laser_ped-trusting")},
         **{name: "table-lndrl" for name in ("lndrl", "lndrl+shield", "lndrl+guard", "oracle")},
         **{name: "table-lndrl" for name in ("lndrl-seed2", "lndrl-seed3")},
-        **{name: "table-alone" for name in ("lndrl-alone", "lndrl-alone-seed2")},
+        "lndrl-alone": "table-alone",
         "lndrl-careful": "table-careful",
     }
     seeds = {name: bench.seed_of(name) for name in bench.methods}
     assert {name: seed for name, seed in seeds.items() if seed is not None} == {
         "lndrl-seed2": 2,
         "lndrl-seed3": 3,
-        "lndrl-alone-seed2": 2,
     }
 
 
