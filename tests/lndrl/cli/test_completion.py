@@ -36,7 +36,7 @@ def completed(line: str) -> list[str]:
         ("lndrl ", list(SUMMARIES)),
         ("lndrl tra", ["train", "train-all"]),
         ("lndrl train --res", ["--resume"]),
-        ("lndrl train no_", ["no_reward", "no_variance"]),
+        ("lndrl train no_", ["no_reward", "no_reward-alone", "no_variance", "no_variance-alone"]),
         ("lndrl train --set ppo.ep", ["ppo.epochs="]),
         ("lndrl sweep p", ["ppo"]),
         ("lndrl evaluate dwa --scenario h", ["hall", "hybrid"]),
