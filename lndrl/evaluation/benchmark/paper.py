@@ -43,10 +43,7 @@ PAPER = {
 }
 """By the names of ``configs/benchmark.yaml``."""
 
-ALIKE = {
-    **{f"{name}-alone": name for name in ("lndrl", "no_variance", "no_reward", "drl_laser_ped")},
-    "paper": "lndrl",
-}
+ALIKE = {f"{name}-alone": name for name in ("lndrl", "no_variance", "no_reward", "drl_laser_ped")}
 """Rows of the bench that stand for one of the paper's as well: by reward alone, as it trains."""
 
 

@@ -82,15 +82,16 @@ def results_figure(results: Results) -> Figure:
     large, *small = figure.subplots(1, len(panels), sharey=True, width_ratios=(1.5, 1, 1))
     for axes, (outcome, shares) in zip((large, *small), panels.items(), strict=True):
         _draw(axes, outcome, shares)
+        axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
         axes.set_title(OUTCOME_WORD[outcome], loc="left", size=10.5, color=INK)
     _name_rows(large, panels[first], _PAGE_NAME)
     for axes in small:
         axes.tick_params(axis="y", length=0)
     identity = results.identity
     words = (
-        f"{results.name}: version {identity.bench_version} of the bench, "
+        f"Version {identity.bench_version} of the bench, "
         f"{max(len(row.records) for row in results.rows):,} episodes a row. A dot is a row with "
-        "its 95 % interval over episodes, a hollow diamond what the paper has of it."
+        "its 95 % interval over episodes, a hollow diamond the paper's figure for it."
     )
     figure.suptitle(wrapped(words, 9.5, _PAGE - 0.4), x=0.01, ha="left", size=9.5, color=INK)
     return figure

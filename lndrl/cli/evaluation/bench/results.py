@@ -52,7 +52,7 @@ def results(
         Path | None,
         typer.Option(
             metavar="FILE.png",
-            help="Draw arrived, collided and lost of all rows there, beside the paper's.",
+            help="Draw arrived, collided and lost of the rows there, beside the paper's.",
         ),
     ] = None,
     spec: BenchName = None,
@@ -91,6 +91,8 @@ def results(
     print_tables(*results_tables(found))
     for note in found.notes():
         typer.echo(note)
+    if picture is not None:
+        typer.echo(str(picture))
     say_next("lndrl", "report", folder.path, then="the same as a page")
 
 
@@ -100,4 +102,4 @@ def _draw(results: Results, picture: Path) -> None:
     try:
         save_results(results, picture)
     except OSError as error:
-        raise UserError(f"{picture}: cannot be written ({error.strerror})") from None
+        raise UserError(f"--picture {picture}: cannot be written ({error.strerror})") from None

@@ -53,6 +53,7 @@ def test_at_a_glance_every_row_has_a_line_in_each_of_three_panels() -> None:
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["arrived", "collided", "lost"]
     names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert names == list(rows)
+    assert all(axes.get_xlim()[0] <= 0.0 for axes in figure.axes)
     for axes, ours, paper, theirs in zip(
         figure.axes, (75.0, 25.0, 0.0), (89.2, 10.4, 0.3), (25.0, 25.0, 50.0), strict=True
     ):

@@ -133,7 +133,9 @@ def test_a_document_is_written_between_its_marks(capsys: pytest.CaptureFixture[s
     assert "| dwa | 8 | +50.0 (" in text
 
 
-def test_a_picture_has_the_rows_that_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_has_the_rows_that_are_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     drawn: list[str] = []
     draw = rates.results_figure
 
@@ -144,6 +146,7 @@ def test_a_picture_has_the_rows_that_are_asked_for(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(rates, "results_figure", watched)
     assert lndrl([*HERE, "--methods", "lndrl,dwa", "--picture", "rates.png"]) == 0
     assert drawn == ["lndrl", "dwa"]
+    assert "rates.png" in capsys.readouterr().out.splitlines()
     assert Path("rates.png").read_bytes().startswith(b"\x89PNG")
 
 
