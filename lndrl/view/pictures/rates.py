@@ -82,7 +82,6 @@ def results_figure(results: Results) -> Figure:
     large, *small = figure.subplots(1, len(panels), sharey=True, width_ratios=(1.5, 1, 1))
     for axes, (outcome, shares) in zip((large, *small), panels.items(), strict=True):
         _draw(axes, outcome, shares)
-        axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
         axes.set_title(OUTCOME_WORD[outcome], loc="left", size=10.5, color=INK)
     _name_rows(large, panels[first], _PAGE_NAME)
     for axes in small:
@@ -120,6 +119,7 @@ def _draw(axes: Axes, outcome: str, shares: Sequence[Share]) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} %"))
     axes.margins(x=0.04)
+    axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))  # a small difference looks small
 
 
 def _name_rows(axes: Axes, shares: Sequence[Share], width: float) -> None:

@@ -37,6 +37,13 @@ def test_a_dot_stands_at_its_share_and_a_diamond_at_the_papers() -> None:
     ]
 
 
+def test_shares_are_counted_from_nothing() -> None:
+    for shares in (SHARES, SHARES[:1]):
+        (axes,) = rates_figure("arrived", shares).axes
+        low, high = axes.get_xlim()
+        assert low <= 0.0 and high >= 95.0
+
+
 def test_a_row_is_beside_what_the_paper_has_of_it() -> None:
     found = results(lndrl=share(3, 1, episodes=4), careful=share(1, 0, 1, episodes=4))
     ours, other = shares_of(found, "lost")
